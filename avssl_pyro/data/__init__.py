@@ -1,0 +1,1 @@
+"""Clips, shards and their readers."""

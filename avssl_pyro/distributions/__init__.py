@@ -1,0 +1,1 @@
+"""Custom distributions, one a file."""

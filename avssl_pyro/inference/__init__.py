@@ -1,0 +1,1 @@
+"""ELBO terms, closed forms, training, checkpoints and localization."""

@@ -1,0 +1,1 @@
+"""Scenes made in code: rooms, people, panoramas, speech and their acoustics."""
