@@ -44,9 +44,7 @@ class MicrophoneArray:
             if not np.isfinite(position).all():
                 raise InputError(f"{where}: microphone {index} lies at {position}; all coordinates must be finite.")
         if len(self.positions_m) < 2:
-            raise InputError(
-                f"{where}: it has {len(self.positions_m)} microphone(s); localization needs at least two."
-            )
+            raise InputError(f"{where}: it has {len(self.positions_m)} microphone(s); localization needs at least two.")
         for (i, first), (j, second) in combinations(enumerate(self.positions_m, start=1), 2):
             distance = float(np.linalg.norm(np.subtract(first, second)))
             if distance < MIN_SPACING_M:

@@ -31,7 +31,7 @@ def _respeaker4() -> MicrophoneArray:
     return MicrophoneArray("respeaker4", corners)
 
 
-# circle246 is the union of the paper's three circles, which share a diameter: a scene rendered for it can be read as any.
+# circle246 is the union of the paper's circles, which share a diameter: a scene rendered for it can be read as any.
 PRESETS: dict[str, MicrophoneArray] = {
     array.name: array
     for array in (

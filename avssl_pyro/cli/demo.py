@@ -1,0 +1,62 @@
+"""The whole method in ten minutes: scenes, training without labels, evaluation, pictures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
+from avssl_pyro.cli.train import TrainOptions, train_with
+from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.data.default_scenes import TEST, default_dataset
+from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.inference.localization import SourceThresholds, select_sources
+from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.system import System
+from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig
+from avssl_pyro.viz.overlay import save_overlay
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """Make scenes, train on them without labels, evaluate beside MUSIC and SRP-PHAT, and draw what was found."""
+
+    out: Path = Path("runs/demo")
+    """Folder for everything that comes out."""
+    cache: Path = Path("cache")
+    """Where scenes are kept."""
+    scenes: int = 3000
+    """Training scenes."""
+    test_scenes: int = 200
+    """Test scenes."""
+    overlays: int = 6
+    """Pictures to draw, of the first test scenes."""
+    optimization: OptimizationConfig = field(default_factory=OptimizationConfig)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Runs the command with ``args`` (by default those of the process)."""
+    options = tyro.cli(DemoOptions, args=args)
+    checkpoint = options.out / CHECKPOINT_NAME
+    train_with(
+        TrainOptions(out=options.out, cache=options.cache, scenes=options.scenes, optimization=options.optimization)
+    )
+    evaluate_with(EvaluateOptions(checkpoint, options.out, cache=options.cache, test_scenes=options.test_scenes))
+    system = load_checkpoint(checkpoint)
+    test = default_dataset(options.cache, TEST, "some-silent", options.test_scenes, system.config.array)
+    draw_overlays(system, test, options.overlays, options.out)
+    print(f"{options.out}: report.md, curves.png and overlay-*.png are worth a look.")
+
+
+def draw_overlays(system: System, dataset: SceneDataset, number: int, folder: Path) -> None:
+    """Draws the first ``number`` scenes of a data set with their true azimuths as ``overlay-*.png``."""
+    localizer = Localizer(system)
+    grid = system.config.grid
+    for index in range(min(number, len(dataset))):
+        clip = dataset[index]
+        (posterior,) = localizer.posteriors([clip])
+        sources = select_sources(posterior, grid, SourceThresholds())
+        truth = np.array(dataset.labels(index).talker_azimuths)
+        save_overlay(folder / f"overlay-{index}.png", clip.image_ijc, posterior, sources, grid, truth=truth)

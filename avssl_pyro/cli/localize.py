@@ -1,0 +1,174 @@
+"""Localizes the sounding objects of clips with a trained system."""
+
+import csv
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.data.clip import Clip
+from avssl_pyro.data.files import read_clip
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.inference.localization import SourceThresholds, select_sources
+from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.result import result_dict
+from avssl_pyro.inference.system import System
+from avssl_pyro.viz.overlay import save_overlay
+
+SAME_PLACE_M = 1e-3
+
+
+@dataclass(frozen=True)
+class LocalizeOptions:
+    """Tell which objects in a 360-degree image are sounding, where, how much, and how sure that is."""
+
+    checkpoint: Path
+    """Checkpoint of svi_train.py (.safetensors)."""
+    out: Path
+    """Result: JSON for one clip, JSON lines for a manifest."""
+    image: Path | None = None
+    """Equirectangular image, twice as wide as high, or 88 x 288."""
+    audio: Path | None = None
+    """WAV or FLAC of any rate, one channel per microphone."""
+    manifest: Annotated[Path | None, tyro.conf.arg(metavar="CLIPS.csv")] = None
+    """Instead of --image and --audio: a CSV file with columns audio and image; paths are relative to it."""
+    array: str | None = None
+    """Preset or YAML file of the array that recorded; by default, and at most, the checkpoint's."""
+    overlay: Path | None = None
+    """Picture to write; a folder in case of a manifest."""
+    level_threshold: float = SourceThresholds.level
+    """Least mixing level of a source."""
+    peak_threshold: float = SourceThresholds.peak
+    """Least weight of a source's strongest direction; more spread classes are taken for diffuse noise."""
+    device: str = "cpu"
+    """Torch device."""
+
+
+@dataclass(frozen=True)
+class _Input:
+    image: Path
+    audio: Path
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Runs the command with ``args`` (by default those of the process).
+
+    Raises:
+        InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`; no output is written then.
+    """
+    options = tyro.cli(LocalizeOptions, args=args)
+    inputs = _inputs(options)
+    system = load_checkpoint(options.checkpoint)
+    if options.array is not None:
+        check_array(system, resolve_array(options.array), str(options.checkpoint))
+    localizer = Localizer(system, options.device)
+    thresholds = SourceThresholds(options.level_threshold, options.peak_threshold)
+    lines = list(_results(inputs, options, localizer, thresholds))
+    write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())
+    if options.manifest is None:
+        _print_sources(json.loads(lines[0]))
+
+
+def check_array(system: System, array: MicrophoneArray, where: str) -> None:
+    """Refuses a checkpoint that was trained for another array.
+
+    Raises:
+        InputError: the numbers of microphones or their places differ.
+    """
+    trained = system.config.array
+    if trained.num_microphones != array.num_microphones:
+        raise InputError(
+            f"{where}: trained for array '{trained.name}' with {trained.num_microphones} microphones, but "
+            f"'{array.name}' has {array.num_microphones}; give a checkpoint of this array."
+        )
+    distances_m = np.linalg.norm(trained.positions - array.positions, axis=-1)
+    if distances_m.max() > SAME_PLACE_M:
+        worst = int(distances_m.argmax())
+        raise InputError(
+            f"{where}: trained for array '{trained.name}', whose microphone {worst + 1} is "
+            f"{100 * distances_m[worst]:.1f} cm from that of '{array.name}'; give a checkpoint of this array."
+        )
+
+
+def _inputs(options: LocalizeOptions) -> list[_Input]:
+    if options.manifest is not None:
+        if options.image is not None or options.audio is not None:
+            raise InputError("give either --manifest or --image with --audio, not both.")
+        return read_manifest(options.manifest)
+    if options.image is None or options.audio is None:
+        raise InputError("give --image and --audio, or --manifest with many of them.")
+    return [_Input(options.image, options.audio)]
+
+
+def read_manifest(path: Path) -> list[_Input]:
+    """Reads a CSV file with columns ``audio`` and ``image``.
+
+    Raises:
+        InputError: the file is missing, lacks a column, has an empty cell or no row.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such manifest.")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.DictReader(file)
+            missing = {"audio", "image"} - set(reader.fieldnames or ())
+            if missing:
+                raise InputError(f"{path}: column '{min(missing)}' is missing; the first line must be: audio,image")
+            rows = list(reader)
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({error}).") from error
+    for number, row in enumerate(rows, start=2):
+        for column in ("audio", "image"):
+            if not row[column]:
+                raise InputError(f"{path}, line {number}: column '{column}' is empty; give a file name.")
+    if not rows:
+        raise InputError(f"{path}: holds no clip; give one line with audio,image per clip.")
+    return [_Input(path.parent / row["image"], path.parent / row["audio"]) for row in rows]
+
+
+def _results(
+    inputs: Sequence[_Input], options: LocalizeOptions, localizer: Localizer, thresholds: SourceThresholds
+) -> Iterator[str]:
+    array = localizer.config.array
+    for number, entry in enumerate(tqdm(inputs, unit="clip", desc="localizing", disable=len(inputs) == 1)):
+        clip = read_clip(entry.image, entry.audio, array.num_microphones, array.name)
+        (posterior,) = localizer.posteriors([clip])
+        sources = select_sources(posterior, localizer.config.grid, thresholds)
+        if options.overlay is not None:
+            save_overlay(
+                _overlay_path(options, number, clip), clip.image_ijc, posterior, sources, localizer.config.grid
+            )
+        result = result_dict(
+            posterior,
+            sources,
+            localizer.config.grid,
+            audio=str(entry.audio),
+            image=str(entry.image),
+            array=array.to_dict(),
+            checkpoint=str(options.checkpoint),
+        )
+        yield json.dumps(result)
+
+
+def _overlay_path(options: LocalizeOptions, number: int, clip: Clip) -> Path:
+    assert options.overlay is not None
+    return options.overlay if options.manifest is None else options.overlay / f"{number:05d}-{clip.key}.png"
+
+
+def _print_sources(result: dict[str, list[dict[str, float]]]) -> None:
+    if not result["sources"]:
+        print("no sounding object found.")
+    for source in result["sources"]:
+        print(
+            f"azimuth {source['azimuth_deg']:+7.1f} +- {source['azimuth_std_deg']:.1f} deg   "
+            f"level {source['level']:.2f} +- {source['level_std']:.2f}"
+        )

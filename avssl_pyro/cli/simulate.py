@@ -1,0 +1,161 @@
+"""Makes scenes, or checks the ones that were made."""
+
+import contextlib
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import joblib
+import tyro
+
+from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.data.encoding import LabeledScene
+from avssl_pyro.data.generation import SCENES_PER_SHARD, generate
+from avssl_pyro.data.scene_plan import plan_scenes
+from avssl_pyro.data.verification import verify
+from avssl_pyro.errors import InputError
+from avssl_pyro.simulation.figures import ProceduralPerson
+from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
+from avssl_pyro.simulation.panoramas import PanoramaFolder
+from avssl_pyro.simulation.people import PeopleFolder
+from avssl_pyro.simulation.rooms import ProceduralRoom
+from avssl_pyro.simulation.scenes import SceneSimulator
+from avssl_pyro.simulation.speech import SpeechFolder
+from avssl_pyro.simulation.voices import ProceduralSpeech
+from avssl_pyro.viz.contact_sheet import contact_sheet
+from avssl_pyro.viz.png import write_png
+
+PREVIEW_SCENES = 12
+EXIT_UNSOUND = 1
+
+
+@dataclass(frozen=True)
+class SimulateOptions:
+    """Make audio-visual scenes and store them as WebDataset shards; killed at any moment, the same command goes on.
+
+    Without --speech, --people or --panoramas, material made in code stands in for what is missing.
+    """
+
+    out: Path | None = None
+    """Folder to write to; on a cluster one that all workers share."""
+    scenes: int = 2000
+    """How many scenes."""
+    condition: Literal["all-speak", "some-silent"] = "some-silent"
+    """all-speak: two or three people, all talking; some-silent: two to four people, two or three of them talking."""
+    speech: Path | None = None
+    """Folder of speech files: WAV or FLAC, any rate."""
+    people: Path | None = None
+    """Folder of cut-outs of people: RGBA PNG, feet at the bottom."""
+    panoramas: Path | None = None
+    """Folder of rooms: equirectangular JPEG or PNG, twice as wide as high."""
+    array: str = "circle246"
+    """Microphones to render: a preset or a YAML file. circle246 can be read as circle2, circle4 or circle6 later."""
+    seed: int = 0
+    """Same seed, same bytes. Use another one for every set that must not share scenes."""
+    shard_size: int = SCENES_PER_SHARD
+    """Scenes per tar file."""
+    workers: int | None = None
+    """Processes; by default one per core."""
+    scheduler: str | None = None
+    """Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work instead of local processes."""
+    preview: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None
+    """Write a contact sheet of twelve scenes with their true azimuths; without --out nothing else is written."""
+    verify: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Instead of making scenes, check those in DIR; exit code 1 and a line per bad shard if they are not sound."""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Runs the command with ``args`` (by default those of the process) and returns its exit code.
+
+    Raises:
+        InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
+    """
+    options = tyro.cli(SimulateOptions, args=args)
+    if options.verify is not None:
+        return _verify(options.verify)
+    if options.out is None and options.preview is None:
+        raise InputError("say what to do: --out DIR makes scenes, --preview FILE.png shows some, --verify DIR checks.")
+    simulator = _simulator(options)
+    if options.out is not None:
+        _generate(options, options.out, simulator)
+    if options.preview is not None:
+        write_png(options.preview, _preview(options, simulator))
+        print(f"{options.preview}: written.")
+    return 0
+
+
+def _verify(folder: Path) -> int:
+    problems = verify(folder, progress=True)
+    for problem in problems:
+        print(problem)
+    if not problems:
+        print(f"{folder}: sound.")
+    return EXIT_UNSOUND if problems else 0
+
+
+def _simulator(options: SimulateOptions) -> SceneSimulator:
+    if options.seed < 0:
+        raise InputError(f"--seed is {options.seed}; give a number of at least 0.")
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers is {options.workers}; give a number of at least 1, or none for one per core.")
+    return SceneSimulator(
+        config=SceneConfig(condition=CONDITIONS[options.condition]),
+        seed=options.seed,
+        speech=ProceduralSpeech() if options.speech is None else SpeechFolder(options.speech),
+        people=ProceduralPerson() if options.people is None else PeopleFolder(options.people),
+        panoramas=ProceduralRoom() if options.panoramas is None else PanoramaFolder(options.panoramas),
+        array=resolve_array(options.array),
+    )
+
+
+def _generate(options: SimulateOptions, out: Path, simulator: SceneSimulator) -> None:
+    for source in (simulator.speech, simulator.people, simulator.panoramas):
+        print(f"from {source.describe()}")
+    plan = plan_scenes(out, simulator, options.scenes, options.shard_size)
+    started = time.perf_counter()
+    with _backend(options):
+        manifest = generate(plan)
+    size_mb = sum(shard.num_bytes for shard in manifest.shards) / 1e6
+    print(
+        f"{out}: {options.scenes} scenes in {len(manifest.shards)} shards, {size_mb:.1f} MB, "
+        f"{time.perf_counter() - started:.1f} s."
+    )
+
+
+@contextlib.contextmanager
+def _backend(options: SimulateOptions) -> Iterator[None]:
+    if options.scheduler is None:
+        with joblib.parallel_config(n_jobs=options.workers or -1):
+            yield
+        return
+    try:
+        import distributed  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError("--scheduler needs Dask; install it with: pip install 'avssl-pyro[cluster]'.") from error
+    client = distributed.Client(options.scheduler)
+    with client, joblib.parallel_config("dask", n_jobs=options.workers or -1):
+        yield
+
+
+@dataclass(frozen=True)
+class _StoredScene:
+    clip: Clip
+    labels: SceneLabels
+    facts: dict[str, Any]
+
+
+def _preview(options: SimulateOptions, simulator: SceneSimulator) -> bytes:
+    title = f"{options.condition}, seed {options.seed}, array {simulator.array.name}; solid: talks, dashed: silent"
+    scenes: list[LabeledScene]
+    if options.out is None:
+        scenes = [simulator.render(index) for index in range(min(options.scenes, PREVIEW_SCENES))]
+        return contact_sheet(scenes, title)
+    dataset = SceneDataset(options.out)
+    count = min(len(dataset), PREVIEW_SCENES)
+    indices = [index * len(dataset) // count for index in range(count)]
+    scenes = [_StoredScene(dataset[index], dataset.labels(index), dataset.facts(index)) for index in indices]
+    return contact_sheet(scenes, f"{options.out}: {title}")

@@ -1,0 +1,172 @@
+"""Trains the networks by stochastic variational inference."""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import torch
+import tyro
+from lightning_fabric import Fabric
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.data.default_scenes import TRAIN, default_dataset
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.progress_log import read_log
+from avssl_pyro.inference.system import GuideConfig, ModelConfig, SystemConfig, build_system
+from avssl_pyro.inference.terms import RecordingMeanFieldELBO, RecordingTraceELBO
+from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, train
+from avssl_pyro.viz.curves import save_curves
+
+ESTIMATORS = {"mean-field": RecordingMeanFieldELBO, "trace": RecordingTraceELBO}
+RUN_NAME = "run.json"
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """Train the visual and the audio network on clips without labels.
+
+    Without --data a small set of scenes is drawn and rendered first, and kept in --cache. Interrupted at any moment
+    (ctrl-C, or killed), the same command goes on where it stopped.
+    """
+
+    preset: Literal["quick", "two-cores", "paper"] = "quick"
+    """Where the defaults below come from: quick is a few minutes on two cores, two-cores an hour, paper the original
+    experiment (20000 scenes, 200 epochs), for a GPU."""
+    out: Path = Path("runs/train")
+    """Folder of the run: checkpoint, log, curves, TensorBoard events."""
+    data: tuple[Path, ...] = ()
+    """Folders of shards made by simulate.py; by default a small set made here."""
+    cache: Path = Path("cache")
+    """Where the default set is kept."""
+    scenes: int = 3000
+    """Size of the default set."""
+    condition: Literal["all-speak", "some-silent"] = "some-silent"
+    """Condition of the default set."""
+    array: str = "circle6"
+    """Microphone array: a preset (circle2, circle4, circle6, respeaker4) or a YAML file."""
+    estimator: Literal["mean-field", "trace"] = "mean-field"
+    """Pyro's ELBO estimator: TraceMeanField_ELBO (analytic KL) or Trace_ELBO."""
+    model: ModelConfig = field(default_factory=ModelConfig)
+    guide: GuideConfig = field(default_factory=GuideConfig)
+    optimization: OptimizationConfig = field(default_factory=OptimizationConfig)
+    accelerator: str = "auto"
+    """Lightning Fabric accelerator: auto, cpu, cuda, mps."""
+    devices: int = 1
+    """Processes on this machine, one per device."""
+    num_nodes: int = 1
+    """Machines."""
+    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
+    """Precision of the networks; the likelihood is always computed in 32 bits or more."""
+
+
+PRESETS: dict[str, TrainOptions] = {
+    "quick": TrainOptions(),
+    "two-cores": TrainOptions(preset="two-cores", scenes=8000, optimization=OptimizationConfig(epochs=12)),
+    "paper": TrainOptions(
+        preset="paper",
+        scenes=20_000,
+        optimization=OptimizationConfig(epochs=200, warmup_steps=0, final_learning_rate=1.0),
+    ),
+}
+
+
+def parse(args: Sequence[str] | None = None) -> TrainOptions:
+    """Options of the command line, on top of those of ``--preset``."""
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    first.add_argument("--preset", default="quick")
+    preset = first.parse_known_args(args)[0].preset
+    return tyro.cli(TrainOptions, default=PRESETS.get(preset, PRESETS["quick"]), args=args)
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Runs the command with ``args`` (by default those of the process).
+
+    Raises:
+        InputError, OSError, KeyboardInterrupt: told in one sentence by :func:`avssl_pyro.cli.command.run`.
+    """
+    train_with(parse(args))
+
+
+def train_with(options: TrainOptions) -> None:
+    """Trains as the options say and draws the curves."""
+    array = resolve_array(options.array)
+    _claim_run(options, array)
+    fabric = Fabric(
+        accelerator=options.accelerator,
+        devices=options.devices,
+        num_nodes=options.num_nodes,
+        precision=options.precision,
+    )
+    fabric.launch()
+    dataset = _dataset(options, array, progress=fabric.is_global_zero)
+    torch.manual_seed(options.optimization.seed)
+    system = build_system(SystemConfig(array, options.model, options.guide))
+    try:
+        train(system, dataset, options.optimization, options.out, fabric, ESTIMATORS[options.estimator]())
+    finally:
+        if fabric.is_global_zero:
+            draw_curves(options.out)
+    if fabric.is_global_zero:
+        print(f"{options.out / CHECKPOINT_NAME}: written.")
+
+
+def draw_curves(run_dir: Path) -> None:
+    """Draws ``curves.png`` from the log of a run."""
+    records = read_log(run_dir)
+    if not records:
+        return
+    names = [name for name in records[-1] if name not in {"step", "epoch"}]
+    series = {name: [record.get(name, float("nan")) for record in records] for name in names}
+    save_curves(run_dir / "curves.png", [record["step"] for record in records], series)
+
+
+def _claim_run(options: TrainOptions, array: MicrophoneArray) -> None:
+    """Writes the settings of a run, or checks that they are those of the run that is to be continued."""
+    settings = {
+        "array": array.to_dict(),
+        "data": [str(folder) for folder in options.data] or {"scenes": options.scenes, "condition": options.condition},
+        "estimator": options.estimator,
+        "precision": options.precision,
+        "model": asdict(options.model),
+        "guide": asdict(options.guide),
+        "optimization": asdict(options.optimization),
+    }
+    settings = json.loads(json.dumps(settings))
+    path = options.out / RUN_NAME
+    if path.exists():
+        try:
+            previous = json.loads(path.read_text(encoding="utf-8"))
+        except ValueError as error:
+            raise InputError(f"{path}: damaged ({error}); give another --out or delete the folder.") from error
+        for section in ("model", "guide", "optimization"):
+            for name, value in settings[section].items():
+                _compare(path, f"{section}.{name}", previous.get(section, {}).get(name), value)
+        for name in ("array", "data", "estimator", "precision"):
+            _compare(path, name, previous.get(name), settings[name])
+        return
+    options.out.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, json.dumps(settings, indent=1).encode())
+
+
+# These may change when a run is continued without changing its numbers.
+_HARMLESS = frozenset({"optimization.num_workers", "optimization.log_every", "optimization.checkpoint_minutes"})
+
+
+def _compare(path: Path, name: str, previous: object, now: object) -> None:
+    if previous != now and name not in _HARMLESS:
+        raise InputError(
+            f"{path}: this run was started with {name} = {previous}, not {now}; give another --out, or the same "
+            "settings to continue it."
+        )
+
+
+def _dataset(options: TrainOptions, array: MicrophoneArray, progress: bool) -> SceneDataset:
+    if options.data:
+        return SceneDataset(options.data, array)
+    return default_dataset(options.cache, TRAIN, options.condition, options.scenes, array, progress)

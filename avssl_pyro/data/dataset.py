@@ -1,0 +1,134 @@
+"""Scenes of one or more folders as one map-style dataset of clips, read as any array that the rendered one contains."""
+
+from collections.abc import Sequence
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from torch.utils.data import Dataset
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.data.channel_map import matching_channels
+from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.data.encoding import (
+    AUDIO_EXTENSIONS,
+    FACTS_EXTENSION,
+    FLAC_MAX_CHANNELS,
+    IMAGE_EXTENSION,
+    decode_audio,
+    decode_facts,
+    decode_image,
+)
+from avssl_pyro.data.shard_reader import ShardReader
+from avssl_pyro.errors import InputError
+
+
+class SceneDataset(Dataset[Clip]):
+    """Clips by index; labels and facts only on request, so that none can slip into training.
+
+    Shard sizes are checked at once, the checksum of a shard before its first scene is read, in each process. May be
+    pickled and forked at any time.
+
+    Args:
+        folders: one folder of shards or several, read one after the other.
+        array: read the audio as this array; by default as the (first folder's) rendered one.
+        channels: instead of ``array``, channels of the (first folder's) rendered array, counted from 0.
+
+    Raises:
+        InputError: a folder is no finished dataset, or its array lacks a microphone that is asked for.
+    """
+
+    def __init__(
+        self,
+        folders: Path | Sequence[Path],
+        array: MicrophoneArray | None = None,
+        channels: Sequence[int] | None = None,
+    ) -> None:
+        folders = [folders] if isinstance(folders, Path) else list(folders)
+        if not folders:
+            raise InputError("no folder of scenes was given; name at least one.")
+        self._readers = [ShardReader(folder) for folder in folders]
+        rendered = self._readers[0].manifest.spec.array
+        if channels is not None:
+            array = _selected(rendered, channels, array, where=str(folders[0]))
+        self._array = rendered if array is None else array
+        self._channels = [
+            matching_channels(reader.manifest.spec.array, self._array, where=str(reader.folder))
+            for reader in self._readers
+        ]
+        self._shards = [
+            (number, shard)
+            for number, reader in enumerate(self._readers)
+            for shard in range(len(reader.manifest.shards))
+        ]
+        self._ends = list(accumulate(self.shard_sizes))
+
+    @property
+    def array(self) -> MicrophoneArray:
+        """The microphones of the clips' channels, in order."""
+        return self._array
+
+    @property
+    def shard_sizes(self) -> tuple[int, ...]:
+        """Scenes per shard, over all folders; indices of the dataset run through the shards in this order."""
+        return tuple(shard.num_scenes for reader in self._readers for shard in reader.manifest.shards)
+
+    def __len__(self) -> int:
+        return self._ends[-1]
+
+    def __getitem__(self, index: int) -> Clip:
+        """Reads a clip, never its labels.
+
+        Raises:
+            IndexError: beyond the dataset.
+            InputError: the shard is damaged; the message names it.
+        """
+        number, shard, position = self._locate(index)
+        reader, channels = self._readers[number], self._channels[number]
+        rendered = reader.manifest.spec.array.num_microphones
+        key = reader.entry(shard, position).key
+        where = reader.where(shard, position)
+        extension = AUDIO_EXTENSIONS[rendered > FLAC_MAX_CHANNELS]
+        audio_mn = decode_audio(reader.read(shard, position, extension), where)
+        if len(audio_mn) != rendered:
+            raise InputError(f"{where}: its audio has {len(audio_mn)} channels, its manifest's array {rendered}.")
+        image_ijc = decode_image(reader.read(shard, position, IMAGE_EXTENSION), where)
+        return Clip(key, np.ascontiguousarray(audio_mn[list(channels)]), image_ijc)
+
+    def labels(self, index: int) -> SceneLabels:
+        """The truth about a scene, radians; for evaluation only."""
+        return self._facts(index)[0]
+
+    def facts(self, index: int) -> dict[str, Any]:
+        """What the simulator noted about a scene; degrees, metres."""
+        return self._facts(index)[1]
+
+    def _facts(self, index: int) -> tuple[SceneLabels, dict[str, Any]]:
+        number, shard, position = self._locate(index)
+        reader = self._readers[number]
+        content = reader.read(shard, position, FACTS_EXTENSION)
+        return decode_facts(content, reader.where(shard, position))
+
+    def _locate(self, index: int) -> tuple[int, int, int]:
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"scene {index} of a dataset of {len(self)}")
+        index %= len(self)
+        place = int(np.searchsorted(self._ends, index, side="right"))
+        number, shard = self._shards[place]
+        first = self._ends[place - 1] if place else 0
+        return number, shard, index - first
+
+
+def _selected(
+    rendered: MicrophoneArray, channels: Sequence[int], array: MicrophoneArray | None, where: str
+) -> MicrophoneArray:
+    if array is not None:
+        raise InputError(f"{where}: give either an array or channels, not both.")
+    for channel in channels:
+        if not 0 <= channel < rendered.num_microphones:
+            raise InputError(
+                f"{where}: channel {channel} does not exist; array '{rendered.name}' has 0 to "
+                f"{rendered.num_microphones - 1}."
+            )
+    return rendered.select(tuple(channels))

@@ -1,0 +1,142 @@
+"""Scenes as files: audio as FLAC or WAV, the image as JPEG, labels and facts as JSON in degrees.
+
+16-bit FLAC has the size of 24-bit FLAC times 0.6 and its quantization noise lies some 40 dB under the noise of a scene.
+JPEG at quality 95 without chroma subsampling takes a third of the space and half the decoding time of PNG.
+"""
+
+import io
+import json
+import math
+import re
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import soundfile
+
+from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_ROWS, SAMPLE_RATE, Clip, SceneLabels
+from avssl_pyro.errors import InputError
+
+FLAC_MAX_CHANNELS = 8
+AUDIO_EXTENSIONS = ("flac", "wav")
+IMAGE_EXTENSION = "jpg"
+FACTS_EXTENSION = "json"
+
+_FULL_SCALE = 32768.0
+_FLAC_COMPRESSION = 0.0
+_JPEG_SETTINGS = (
+    cv2.IMWRITE_JPEG_QUALITY,
+    95,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
+    cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
+    cv2.IMWRITE_JPEG_OPTIMIZE,
+    0,
+)
+_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+class LabeledScene(Protocol):
+    """A clip, its labels, and further facts about it (plain JSON values; degrees, metres)."""
+
+    @property
+    def clip(self) -> Clip: ...
+    @property
+    def labels(self) -> SceneLabels: ...
+    @property
+    def facts(self) -> dict[str, Any]: ...
+
+
+def encode_scene(scene: LabeledScene) -> dict[str, bytes]:
+    """The files of a scene by extension, in the order in which they are stored.
+
+    Raises:
+        InputError: the key is no plain file name, or the clip holds non-finite audio or an image of another shape.
+    """
+    key = scene.clip.key
+    if not _KEY.fullmatch(key):
+        raise InputError(f"scene '{key}': a key may hold letters, digits, '-' and '_' only, for it names files.")
+    return (
+        _encode_audio(scene.clip.audio_mn, where=f"scene '{key}'")
+        | {IMAGE_EXTENSION: _encode_image(scene.clip.image_ijc, where=f"scene '{key}'")}
+        | {FACTS_EXTENSION: _encode_facts(scene)}
+    )
+
+
+def _encode_audio(audio_mn: npt.NDArray[np.float32], where: str) -> dict[str, bytes]:
+    if audio_mn.ndim != 2 or not np.isfinite(audio_mn).all():
+        raise InputError(f"{where}: its audio must be (microphones, samples) of finite numbers.")
+    # Rounded here: libsndfile scales floats by 32767 on the way in and by 32768 on the way out.
+    pcm_mn = np.clip(np.rint(audio_mn * _FULL_SCALE), -_FULL_SCALE, _FULL_SCALE - 1).astype(np.int16)
+    stream = io.BytesIO()
+    if len(pcm_mn) > FLAC_MAX_CHANNELS:
+        soundfile.write(stream, pcm_mn.T, SAMPLE_RATE, format="WAV", subtype="PCM_16")
+        return {"wav": stream.getvalue()}
+    soundfile.write(stream, pcm_mn.T, SAMPLE_RATE, format="FLAC", subtype="PCM_16", compression_level=_FLAC_COMPRESSION)
+    return {"flac": stream.getvalue()}
+
+
+def decode_audio(content: bytes, where: str) -> npt.NDArray[np.float32]:
+    """Audio of a stored scene, (M, N), float32 in [-1, 1].
+
+    Raises:
+        InputError: it cannot be decoded or has another sample rate than 16 kHz.
+    """
+    try:
+        audio_nm, sample_rate = soundfile.read(io.BytesIO(content), dtype="float32", always_2d=True)
+    except soundfile.SoundFileError as error:
+        raise InputError(f"{where}: its audio cannot be decoded ({error}).") from error
+    if sample_rate != SAMPLE_RATE:
+        raise InputError(f"{where}: its audio has {sample_rate} Hz; scenes are stored at {SAMPLE_RATE} Hz.")
+    return audio_nm.T
+
+
+def _encode_image(image_ijc: npt.NDArray[np.uint8], where: str) -> bytes:
+    if image_ijc.shape != (IMAGE_ROWS, IMAGE_COLUMNS, 3) or image_ijc.dtype != np.uint8:
+        raise InputError(f"{where}: its image is {image_ijc.shape}, not uint8 ({IMAGE_ROWS}, {IMAGE_COLUMNS}, 3).")
+    _, encoded = cv2.imencode(f".{IMAGE_EXTENSION}", cv2.cvtColor(image_ijc, cv2.COLOR_RGB2BGR), _JPEG_SETTINGS)
+    return encoded.tobytes()
+
+
+def decode_image(content: bytes, where: str) -> npt.NDArray[np.uint8]:
+    """Image of a stored scene, uint8 RGB, (88, 288, 3).
+
+    Raises:
+        InputError: it cannot be decoded or has another size.
+    """
+    decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) if content else None
+    if decoded is None or decoded.shape != (IMAGE_ROWS, IMAGE_COLUMNS, 3):
+        found = "cannot be decoded" if decoded is None else f"has {decoded.shape[0]} x {decoded.shape[1]} pixels"
+        raise InputError(f"{where}: its image {found}; scenes hold JPEGs of {IMAGE_ROWS} x {IMAGE_COLUMNS}.")
+    return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
+
+
+def _encode_facts(scene: LabeledScene) -> bytes:
+    content = {
+        "key": scene.clip.key,
+        "talker_azimuths_deg": _degrees(scene.labels.talker_azimuths),
+        "silent_azimuths_deg": _degrees(scene.labels.silent_azimuths),
+        "facts": scene.facts,
+    }
+    return json.dumps(content, indent=1, sort_keys=True, allow_nan=False).encode()
+
+
+def _degrees(azimuths: tuple[float, ...]) -> list[float]:
+    return [round(math.degrees(azimuth), 9) for azimuth in azimuths]
+
+
+def decode_facts(content: bytes, where: str) -> tuple[SceneLabels, dict[str, Any]]:
+    """Labels (radians) and facts of a stored scene.
+
+    Raises:
+        InputError: they are not what :func:`encode_scene` writes.
+    """
+    try:
+        data = json.loads(content)
+        labels = SceneLabels(
+            talker_azimuths=tuple(math.radians(azimuth) for azimuth in data["talker_azimuths_deg"]),
+            silent_azimuths=tuple(math.radians(azimuth) for azimuth in data["silent_azimuths_deg"]),
+        )
+        return labels, dict(data["facts"])
+    except (ValueError, TypeError, KeyError) as error:
+        raise InputError(f"{where}: its JSON is damaged ({type(error).__name__}: {error}).") from error

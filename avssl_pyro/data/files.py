@@ -1,0 +1,99 @@
+"""A user's own picture and recording as a clip."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import soundfile
+from scipy.signal import resample_poly
+
+from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS, SAMPLE_RATE, Clip
+from avssl_pyro.errors import InputError
+
+MAX_SECONDS = 10.0
+MIN_SECONDS = 0.1
+
+
+def read_audio(path: Path, num_microphones: int, array_name: str) -> npt.NDArray[np.float32]:
+    """Reads WAV or FLAC of any rate as float32 (M, N) at 16 kHz.
+
+    Raises:
+        InputError: the file cannot be read, has the wrong number of channels, is too short or too long, or holds
+            samples that are not finite.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such audio file.")
+    try:
+        with soundfile.SoundFile(path) as file:
+            channels, rate, frames = file.channels, file.samplerate, file.frames
+            if channels != num_microphones:
+                raise InputError(
+                    f"{path}: {channels} channel(s), but array '{array_name}' has {num_microphones} microphones; "
+                    "give a recording of that array, one channel per microphone."
+                )
+            if frames > MAX_SECONDS * rate:
+                raise InputError(
+                    f"{path}: {frames / rate:.1f} s long; a clip may last up to {MAX_SECONDS:g} s, so cut out a part "
+                    "during which nobody moves."
+                )
+            audio_nm = file.read(dtype="float32", always_2d=True)
+    except (soundfile.SoundFileError, RuntimeError) as error:
+        raise InputError(f"{path}: cannot be read as audio ({error}); give WAV or FLAC.") from error
+    if len(audio_nm) < MIN_SECONDS * rate:
+        raise InputError(
+            f"{path}: {len(audio_nm)} samples ({1e3 * len(audio_nm) / rate:.0f} ms); a clip needs at least "
+            f"{1e3 * MIN_SECONDS:.0f} ms."
+        )
+    if not np.isfinite(audio_nm).all():
+        frame, channel = np.argwhere(~np.isfinite(audio_nm))[0]
+        raise InputError(
+            f"{path}: sample {frame} of channel {channel + 1} is not a finite number; export the recording again."
+        )
+    if rate != SAMPLE_RATE:
+        divisor = int(np.gcd(rate, SAMPLE_RATE))
+        audio_nm = resample_poly(audio_nm, SAMPLE_RATE // divisor, rate // divisor, axis=0)
+    return np.ascontiguousarray(audio_nm.T, dtype=np.float32)
+
+
+def read_image(path: Path) -> npt.NDArray[np.uint8]:
+    """Reads a full-sphere (2:1) or an 88 x 288 equirectangular image as uint8 RGB (88, 288, 3).
+
+    Raises:
+        InputError: the file cannot be read or has other proportions.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such image file.")
+    image_ijc = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR_RGB)
+    if image_ijc is None:
+        raise InputError(f"{path}: cannot be read as an image; give JPEG or PNG.")
+    return fit_image(image_ijc.astype(np.uint8), str(path))
+
+
+def fit_image(image_ijc: npt.NDArray[np.uint8], where: str) -> npt.NDArray[np.uint8]:
+    """Crops a full sphere to elevations -55..55 degrees and scales it to 88 x 288.
+
+    Raises:
+        InputError: the image is neither a full sphere (twice as wide as high) nor has the proportions of 88 x 288.
+    """
+    rows, columns = image_ijc.shape[:2]
+    if abs(columns - 2 * rows) <= 2:
+        margin = round(rows * (90.0 - IMAGE_MAX_ELEVATION_DEG) / 180.0)
+        image_ijc = image_ijc[margin : rows - margin]
+    elif abs(columns * IMAGE_ROWS - rows * IMAGE_COLUMNS) > 2 * IMAGE_COLUMNS:
+        raise InputError(
+            f"{where}: {columns} x {rows} pixels; a 360-degree image is twice as wide as high (full sphere), or has "
+            f"the proportions {IMAGE_COLUMNS} x {IMAGE_ROWS} (elevations -55 to 55 degrees)."
+        )
+    if image_ijc.shape[:2] == (IMAGE_ROWS, IMAGE_COLUMNS):
+        return image_ijc
+    shrinks = image_ijc.shape[1] >= IMAGE_COLUMNS
+    resized = cv2.resize(
+        image_ijc, (IMAGE_COLUMNS, IMAGE_ROWS), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    )
+    return np.asarray(resized, dtype=np.uint8)
+
+
+def read_clip(image: Path, audio: Path, num_microphones: int, array_name: str) -> Clip:
+    """A clip from an image and an audio file; see :func:`read_image` and :func:`read_audio`."""
+    return Clip(audio.stem, read_audio(audio, num_microphones, array_name), read_image(image))

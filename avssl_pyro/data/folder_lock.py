@@ -1,0 +1,29 @@
+"""One writer per folder: a second one waits for the first."""
+
+import contextlib
+import fcntl
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+
+@contextlib.contextmanager
+def sole_writer(folder: Path) -> Iterator[None]:
+    """Holds an advisory lock on ``folder`` itself, which the system drops with the process, however that ends.
+
+    File systems without locks (some network mounts) are used unlocked: two writers then repeat each other's work but
+    still agree on every byte.
+    """
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            print(f"another process is making scenes in {folder}; waiting for it ...", file=sys.stderr)
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        except OSError:
+            pass
+        yield
+    finally:
+        os.close(descriptor)

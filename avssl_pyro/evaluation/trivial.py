@@ -1,0 +1,59 @@
+"""Trivial rows: what a table looks like if nobody listens. Unlike methods they may be told (part of) the truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.evaluation.metrics import Azimuths
+
+
+class TrivialRow(Protocol):
+    """Makes up azimuths without hearing or seeing a clip."""
+
+    @property
+    def name(self) -> str: ...
+
+    def estimate(
+        self, validation_references: Sequence[npt.NDArray[np.float64]], references: Sequence[npt.NDArray[np.float64]]
+    ) -> list[Azimuths]:
+        """Azimuths, radians, for each clip of ``references``."""
+        ...
+
+
+def _draw(counts: Sequence[int], seed: int) -> list[Azimuths]:
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-np.pi, np.pi, size=count) for count in counts]
+
+
+@dataclass(frozen=True)
+class RandomAtTrueCount:
+    """Uniformly random azimuths, as many as there truly are; its count accuracy is 1 because it was given the count."""
+
+    seed: int = 0
+    name: str = "random"
+
+    def estimate(
+        self, validation_references: Sequence[npt.NDArray[np.float64]], references: Sequence[npt.NDArray[np.float64]]
+    ) -> list[Azimuths]:
+        del validation_references
+        return _draw([len(truth) for truth in references], self.seed)
+
+
+@dataclass(frozen=True)
+class ConstantCount:
+    """Uniformly random azimuths, always as many as are most frequent in the validation scenes."""
+
+    seed: int = 0
+    name: str = "constant-count"
+
+    def estimate(
+        self, validation_references: Sequence[npt.NDArray[np.float64]], references: Sequence[npt.NDArray[np.float64]]
+    ) -> list[Azimuths]:
+        mode = int(np.bincount([len(truth) for truth in validation_references]).argmax())
+        return _draw([mode] * len(references), self.seed)
+
+
+TRIVIAL_ROWS: tuple[TrivialRow, ...] = (RandomAtTrueCount(), ConstantCount())

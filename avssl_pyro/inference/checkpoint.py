@@ -1,0 +1,85 @@
+"""Checkpoints: the weights of a system and, in the same file, the configuration that rebuilds it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cattrs
+from cattrs.errors import BaseValidationError
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.system import System, SystemConfig, build_system
+
+FORMAT = "avssl-checkpoint/1"
+
+_converter = cattrs.Converter(forbid_extra_keys=True)
+_converter.register_unstructure_hook(MicrophoneArray, lambda array: array.to_dict())
+_converter.register_structure_hook(MicrophoneArray, lambda data, _: MicrophoneArray.from_dict(data))
+
+
+def config_to_dict(config: SystemConfig) -> dict[str, Any]:
+    """The configuration as plain JSON values."""
+    data: dict[str, Any] = _converter.unstructure(config)
+    return data
+
+
+def config_from_dict(data: Any, where: str) -> SystemConfig:
+    """The inverse of :func:`config_to_dict`.
+
+    Raises:
+        InputError: a field is missing, unknown or of the wrong type.
+    """
+    try:
+        return _converter.structure(data, SystemConfig)
+    except (BaseValidationError, TypeError, ValueError) as error:
+        problems = "; ".join(cattrs.transform_error(error)) if isinstance(error, BaseValidationError) else str(error)
+        raise InputError(
+            f"{where}: its configuration does not fit this version of the program ({problems})."
+        ) from error
+
+
+def save_checkpoint(path: Path, system: System) -> None:
+    """Writes weights and configuration to ``path`` (.safetensors), and the configuration beside it as JSON to read.
+
+    Raises:
+        OSError: the files cannot be written; nothing half-written is left behind.
+    """
+    config = config_to_dict(system.config)
+    state = {name: value.detach().cpu().contiguous() for name, value in system.state_dict().items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, save(state, metadata={"format": FORMAT, "config": json.dumps(config)}))
+    write_atomically(path.with_suffix(".json"), json.dumps(config, indent=1).encode())
+
+
+def load_checkpoint(path: Path) -> System:
+    """Rebuilds the system of a checkpoint, in evaluation mode.
+
+    Raises:
+        InputError: there is no such file, it is no checkpoint, or it does not fit this version of the program.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such checkpoint; give a .safetensors file written by training.")
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = file.metadata() or {}
+            state = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
+    except (SafetensorError, OSError) as error:
+        raise InputError(
+            f"{path}: not a readable checkpoint ({error}); give a .safetensors file of training."
+        ) from error
+    if metadata.get("format") != FORMAT:
+        found = metadata.get("format", "no format")
+        raise InputError(f"{path}: holds '{found}' where '{FORMAT}' is expected; give a checkpoint of this program.")
+    system = build_system(config_from_dict(json.loads(metadata["config"]), str(path)))
+    try:
+        system.load_state_dict(state)
+    except RuntimeError as error:
+        problem = " ".join(str(error).split())
+        raise InputError(f"{path}: its weights do not fit its configuration ({problem}).") from error
+    system.model.eval()
+    system.guide.eval()
+    return system

@@ -1,0 +1,154 @@
+"""Pyro's ELBO against the closed forms and against explicit masks, term by term and gradient by gradient."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import pyro.settings
+import torch
+from pyro.infer import TraceEnum_ELBO
+from torch import Tensor
+
+from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.inference.closed_form import ClosedFormTerms, closed_form_terms
+from avssl_pyro.inference.system import System
+from avssl_pyro.inference.terms import RecordingMeanFieldELBO, RecordingTraceELBO
+from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One quantity computed in two ways.
+
+    Args:
+        name: what.
+        reference: its value the other way.
+        value: its value by Pyro.
+        relative: |value - reference| / |reference|; for gradients the largest difference over all parameters
+            relative to the largest gradient.
+    """
+
+    name: str
+    reference: float
+    value: float
+    relative: float
+
+
+@dataclass(frozen=True)
+class SampledAgreement:
+    """Single-sample Trace_ELBO losses against closed-form losses at the same noise, which differ by their KL terms.
+
+    Args:
+        mean: of the Trace_ELBO losses.
+        reference: mean of the closed-form losses.
+        standard_error: of the mean difference.
+    """
+
+    mean: float
+    reference: float
+    standard_error: float
+
+    @property
+    def z_score(self) -> float:
+        return (self.mean - self.reference) / self.standard_error
+
+
+def mean_field_differences(system: System, x_bfmt: Tensor, image_bcij: Tensor, seed: int = 0) -> list[Difference]:
+    """TraceMeanField_ELBO against Eqs. (13)-(16) at one seed: every term, the loss, every gradient of the guide."""
+    estimator = RecordingMeanFieldELBO()
+    loss_module = estimator(system.model, system.guide)
+    loss, gradient = _evaluate(system, seed, lambda: loss_module(x_bfmt, image_bcij))
+    assert estimator.terms is not None
+    reference: list[ClosedFormTerms] = []
+
+    def by_hand() -> Tensor:
+        reference.append(_closed_form(system, x_bfmt, image_bcij))
+        return reference[0].loss
+
+    reference_loss, reference_gradient = _evaluate(system, seed, by_hand)
+    pairs = {
+        "log likelihood": (reference[0].log_likelihood_b, estimator.terms.log_likelihood_b),
+        "KL of w": (reference[0].kl_weights_b, estimator.terms.kl_b["direction_weights"]),
+        "KL of pi": (reference[0].kl_levels_b, estimator.terms.kl_b["mixing_levels"]),
+        "loss": (reference_loss, loss),
+    }
+    differences = [_difference(name, expected.sum(), found.sum()) for name, (expected, found) in pairs.items()]
+    return [*differences, _gradient_difference(reference_gradient, gradient)]
+
+
+def explicit_mask_differences(system: System, x_bfmt: Tensor, image_bcij: Tensor, seed: int = 0) -> list[Difference]:
+    """The marginalised model under Trace_ELBO against masks enumerated by TraceEnum_ELBO at one seed."""
+    with pyro.settings.context(module_local_params=True):
+        explicit = ExplicitMaskCGMM(
+            system.config.steering(torch.complex128),
+            system.config.model.num_sources,
+            system.model.level_prior,
+            system.model.direction_prior,
+            system.model.diffuse,
+        )
+    enumerated = TraceEnum_ELBO(max_plate_nesting=3)(explicit, system.guide)
+    marginal = RecordingTraceELBO()(system.model, system.guide)
+    reference_loss, reference_gradient = _evaluate(system, seed, lambda: enumerated(x_bfmt, image_bcij))
+    loss, gradient = _evaluate(system, seed, lambda: marginal(x_bfmt, image_bcij))
+    return [_difference("loss", reference_loss, loss), _gradient_difference(reference_gradient, gradient)]
+
+
+def sampled_agreement(
+    system: System, x_bfmt: Tensor, image_bcij: Tensor, draws: int = 50, seed: int = 0
+) -> SampledAgreement:
+    """Trace_ELBO, which samples its KL terms, against the closed form at the same noise, over many draws."""
+    estimator = RecordingTraceELBO()(system.model, system.guide)
+    losses = torch.empty(2, draws, dtype=torch.float64)
+    with torch.no_grad():
+        for draw in range(draws):
+            torch.manual_seed(seed + draw)
+            losses[0, draw] = estimator(x_bfmt, image_bcij)
+            torch.manual_seed(seed + draw)
+            losses[1, draw] = _closed_form(system, x_bfmt, image_bcij).loss
+    mean, reference = losses.mean(-1).tolist()
+    return SampledAgreement(mean, reference, (losses[0] - losses[1]).std().item() / math.sqrt(draws))
+
+
+def _closed_form(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> ClosedFormTerms:
+    assert isinstance(system.guide, AmortizedGuide)
+    sizes = system.config.model
+    return closed_form_terms(
+        system.guide,
+        system.config.steering(torch.complex128),
+        x_bfmt,
+        image_bcij,
+        prior_alpha=sizes.alpha,
+        prior_sigma=sizes.sigma,
+        diffuse=sizes.diffuse,
+    )
+
+
+def _evaluate(system: System, seed: int, loss: Callable[[], Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
+    system.guide.zero_grad()
+    torch.manual_seed(seed)
+    value = loss()
+    value.backward()
+    gradient = {
+        name: parameter.grad.clone()
+        for name, parameter in system.guide.named_parameters()
+        if parameter.grad is not None
+    }
+    system.guide.zero_grad()
+    return value.detach(), gradient
+
+
+def _difference(name: str, reference: Tensor, value: Tensor) -> Difference:
+    relative = abs(value.item() - reference.item()) / max(abs(reference.item()), 1e-300)
+    return Difference(name, reference.item(), value.item(), relative)
+
+
+def _gradient_difference(reference: dict[str, Tensor], value: dict[str, Tensor]) -> Difference:
+    assert reference.keys() == value.keys()
+    norm = {
+        which: math.sqrt(sum(grad.square().sum().item() for grad in gradients.values()))
+        for which, gradients in (("reference", reference), ("value", value))
+    }
+    # Some gradients vanish by symmetry (a shift of all logits); relative to themselves they would be all rounding.
+    largest = max(grad.abs().max().item() for grad in reference.values())
+    worst = max((value[name] - reference[name]).abs().max().item() for name in reference)
+    return Difference("gradients (norm)", norm["reference"], norm["value"], worst / largest)

@@ -1,0 +1,115 @@
+"""From the posterior of one clip to a list of sources: where, how loud, how sure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
+
+# Half width of the neighbourhood whose weights are averaged into an azimuth finer than the grid.
+CENTROID_HALF_WIDTH = np.deg2rad(7.5)
+
+
+@dataclass(frozen=True)
+class ScenePosterior:
+    """What the guide believes about one clip.
+
+    Args:
+        direction_weights_kd: expected direction weights, (K, D), each row summing to 1 (Eq. 1).
+        mixing_levels_k: expected mixing levels, (K,), summing to 1.
+        level_std_k: their posterior standard deviations, (K,).
+        azimuth_std_k: posterior standard deviation of every class's peak direction, (K,), radians.
+        activations_kij: 2-D activation maps over the image, (K, I', J'), or None where no image took part.
+    """
+
+    direction_weights_kd: npt.NDArray[np.float64]
+    mixing_levels_k: npt.NDArray[np.float64]
+    level_std_k: npt.NDArray[np.float64]
+    azimuth_std_k: npt.NDArray[np.float64]
+    activations_kij: npt.NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True)
+class SourceThresholds:
+    """When a source class counts as a sounding object.
+
+    Args:
+        level: least mixing level (the paper's 0.02).
+        peak: least weight of the strongest direction; classes below it are diffuse noise.
+        merge_deg: classes closer than this are one object.
+    """
+
+    level: float = 0.02
+    peak: float = 0.1
+    merge_deg: float = 12.0
+
+
+@dataclass(frozen=True)
+class LocalizedSource:
+    """One sounding object; angles in radians.
+
+    Args:
+        azimuth: direction of arrival, counter-clockwise from straight ahead.
+        azimuth_std: posterior standard deviation of the azimuth.
+        level: mixing level, the share of time-frequency bins the source dominates.
+        level_std: posterior standard deviation of the level.
+        source_class: index k of the source class (the loudest of those merged).
+    """
+
+    azimuth: float
+    azimuth_std: float
+    level: float
+    level_std: float
+    source_class: int
+
+
+def peak_azimuth(weights_d: npt.NDArray[np.float64], grid: DirectionGrid) -> float:
+    """Centroid of the weights around their maximum, radians: Eq. (4) at a resolution finer than the grid."""
+    azimuths_d = grid.azimuths
+    offset_d = wrap_angle(azimuths_d - azimuths_d[weights_d.argmax()])
+    near_d = np.abs(offset_d) <= CENTROID_HALF_WIDTH
+    centroid = np.sum(offset_d * weights_d * near_d) / np.sum(weights_d * near_d)
+    return float(wrap_angle(azimuths_d[weights_d.argmax()] + centroid))
+
+
+def select_sources(
+    posterior: ScenePosterior, grid: DirectionGrid, thresholds: SourceThresholds
+) -> tuple[LocalizedSource, ...]:
+    """The sounding objects of a clip, loudest first (the paper's Sec. III-B.3, with close classes merged)."""
+    candidates = [
+        LocalizedSource(
+            azimuth=peak_azimuth(weights_d, grid),
+            azimuth_std=float(posterior.azimuth_std_k[k]),
+            level=float(posterior.mixing_levels_k[k]),
+            level_std=float(posterior.level_std_k[k]),
+            source_class=k,
+        )
+        for k, weights_d in enumerate(posterior.direction_weights_kd)
+        if posterior.mixing_levels_k[k] >= thresholds.level and weights_d.max() >= thresholds.peak
+    ]
+    candidates.sort(key=lambda source: -source.level)
+    sources: list[LocalizedSource] = []
+    for candidate in candidates:
+        for index, source in enumerate(sources):
+            if abs(float(wrap_angle(candidate.azimuth - source.azimuth))) < np.deg2rad(thresholds.merge_deg):
+                sources[index] = _merge(source, candidate)
+                break
+        else:
+            sources.append(candidate)
+    return tuple(sorted(sources, key=lambda source: -source.level))
+
+
+def _merge(louder: LocalizedSource, other: LocalizedSource) -> LocalizedSource:
+    level = louder.level + other.level
+    share = other.level / level if level > 0 else 0.5
+    offset = float(wrap_angle(other.azimuth - louder.azimuth))
+    # Moments of the two-component mixture of directions, and the sum of two levels taken as independent.
+    spread = (1 - share) * louder.azimuth_std**2 + share * other.azimuth_std**2 + share * (1 - share) * offset**2
+    return LocalizedSource(
+        azimuth=float(wrap_angle(louder.azimuth + share * offset)),
+        azimuth_std=float(np.sqrt(spread)),
+        level=level,
+        level_std=float(np.hypot(louder.level_std, other.level_std)),
+        source_class=louder.source_class,
+    )

@@ -1,0 +1,92 @@
+"""Runs a trained system on clips: one forward pass of the guide gives the posterior of each."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from avssl_pyro.acoustics.grid import wrap_angle
+from avssl_pyro.acoustics.stft import stft
+from avssl_pyro.data.batch import collate_clips
+from avssl_pyro.data.clip import Clip
+from avssl_pyro.errors import InputError
+from avssl_pyro.guides.amortized import GuideParameters
+from avssl_pyro.inference.localization import ScenePosterior
+from avssl_pyro.inference.system import System
+
+DIRECTION_DRAWS = 64
+
+
+class Localizer:
+    """A system ready to localize.
+
+    Args:
+        system: model and guide; the guide is put into evaluation mode.
+        device: where to compute.
+        uniform_levels: ignore the audio network and give every class the level 1/K ("w/o Aud").
+        seed: of the draws behind the posterior spread of directions.
+    """
+
+    def __init__(
+        self, system: System, device: torch.device | str = "cpu", uniform_levels: bool = False, seed: int = 0
+    ) -> None:
+        self.config = system.config
+        self.device = torch.device(device)
+        self.guide = system.guide.to(self.device).eval()
+        self.uniform_levels = uniform_levels
+        self.seed = seed
+
+    def posteriors(self, clips: Sequence[Clip]) -> list[ScenePosterior]:
+        """Posteriors of clips of equal length, in order.
+
+        Raises:
+            InputError: a clip's channels are not those of the system's array.
+        """
+        expected = self.config.array.num_microphones
+        for clip in clips:
+            if clip.audio_mn.shape[0] != expected:
+                raise InputError(
+                    f"clip {clip.key}: {clip.audio_mn.shape[0]} channels, but the checkpoint was trained with the "
+                    f"{expected} microphones of array '{self.config.array.name}'."
+                )
+        batch = collate_clips(clips).to(self.device)
+        with torch.no_grad():
+            x_bfmt = stft(batch.audio_bmn, self.config.stft)
+            parameters = self.guide.parameters_of(x_bfmt, batch.image_float())
+            return self._summaries(parameters)
+
+    def _summaries(self, parameters: GuideParameters) -> list[ScenePosterior]:
+        share_bkd = parameters.mu_bkd.softmax(-1)
+        level_bk, level_std_bk = self._levels(parameters)
+        std_bk = self._azimuth_std(parameters)
+        return [
+            ScenePosterior(
+                direction_weights_kd=share_bkd[b].double().cpu().numpy(),
+                mixing_levels_k=level_bk[b].double().cpu().numpy(),
+                level_std_k=level_std_bk[b].double().cpu().numpy(),
+                azimuth_std_k=std_bk[b].double().cpu().numpy(),
+                activations_kij=parameters.activation_bkij[b].float().cpu().numpy(),
+            )
+            for b in range(share_bkd.shape[0])
+        ]
+
+    def _levels(self, parameters: GuideParameters) -> tuple[Tensor, Tensor]:
+        concentration_bk = parameters.concentration_bk
+        if self.uniform_levels:
+            uniform_bk = torch.full_like(concentration_bk, 1 / concentration_bk.shape[-1])
+            return uniform_bk, torch.zeros_like(uniform_bk)
+        total_b1 = concentration_bk.sum(-1, keepdim=True)
+        level_bk = concentration_bk / total_b1
+        return level_bk, (level_bk * (1 - level_bk) / (total_b1 + 1)).sqrt()
+
+    def _azimuth_std(self, parameters: GuideParameters) -> Tensor:
+        """Spread of arg max_d w_kd under q(w | image), plus the grid's own resolution, (B, K), radians."""
+        mu_bkd = parameters.mu_bkd.cpu()
+        generator = torch.Generator().manual_seed(self.seed)
+        noise = torch.randn(DIRECTION_DRAWS, *mu_bkd.shape[1:], generator=generator, dtype=mu_bkd.dtype)
+        drawn_sbk = (mu_bkd + parameters.sigma_k.cpu()[:, None] * noise[:, None]).argmax(-1)
+        azimuths_d = self.config.grid.azimuths
+        offset_sbk = wrap_angle(azimuths_d[drawn_sbk.numpy()] - azimuths_d[mu_bkd.argmax(-1).numpy()])
+        variance_bk = np.mean(offset_sbk**2, axis=0) + self.config.grid.spacing**2 / 12
+        return torch.from_numpy(np.sqrt(variance_bk))

@@ -1,0 +1,142 @@
+"""A whole system by its configuration: array, networks, model and guide."""
+
+from dataclasses import dataclass, field
+
+import pyro.settings
+import torch
+from torch import Tensor
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.acoustics.steering import FreeField
+from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.guides.uniform_levels import UniformLevelGuide
+from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
+from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+from avssl_pyro.networks.audio import AudioNet
+from avssl_pyro.networks.visual import VisualNet
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """The generative model and its priors.
+
+    Args:
+        num_sources: K, source classes including one for diffuse noise.
+        num_directions: D, directions of the horizontal grid.
+        alpha: concentration of the Dirichlet prior of mixing levels (alpha_0).
+        sigma: scale of the log-normal prior of direction weights (sigma_0).
+        diffuse: diffuse power relative to the summed weights (epsilon).
+    """
+
+    num_sources: int = 4
+    num_directions: int = 72
+    alpha: float = 0.01
+    sigma: float = 1.0
+    diffuse: float = 0.1
+
+
+@dataclass(frozen=True)
+class GuideConfig:
+    """The guide and its networks.
+
+    Args:
+        audio_net: estimate mixing levels with the audio network; without it they are 1/K ("w/o Aud").
+        visual_channels: width of the U-Net at every level.
+        audio_channels: width of the audio network.
+        dropout: dropout probability in both networks.
+        circular: join the left and right image edges in the visual network.
+        position_channels: show the visual network each pixel's azimuth.
+        initial_sigma: sigma_k before training.
+        initial_beta: beta before training.
+    """
+
+    audio_net: bool = True
+    visual_channels: tuple[int, ...] = (16, 32, 48, 64)
+    audio_channels: int = 64
+    dropout: float = 0.1
+    circular: bool = True
+    position_channels: bool = True
+    initial_sigma: float = 0.3
+    initial_beta: float = 100.0
+
+
+@dataclass(frozen=True)
+class SystemConfig:
+    """All that is needed to rebuild a system before its weights are loaded."""
+
+    array: MicrophoneArray
+    model: ModelConfig = field(default_factory=ModelConfig)
+    guide: GuideConfig = field(default_factory=GuideConfig)
+    stft: StftConfig = field(default_factory=StftConfig)
+
+    @property
+    def grid(self) -> DirectionGrid:
+        return DirectionGrid(self.model.num_directions)
+
+    def steering(self, dtype: torch.dtype = torch.complex64) -> Tensor:
+        """Free-field steering vectors of the array, (F, D, M)."""
+        return FreeField(self.array)(self.grid, self.stft.frequencies).to(dtype)
+
+
+@dataclass(frozen=True)
+class System:
+    """A model and a guide that belong together."""
+
+    config: SystemConfig
+    model: SpatialCGMM
+    guide: AmortizedGuide | UniformLevelGuide
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Weights of model and guide, prefixed ``model.`` and ``guide.``."""
+        return {
+            f"{part}.{name}": value
+            for part, module in (("model", self.model), ("guide", self.guide))
+            for name, value in module.state_dict().items()
+        }
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Loads what :meth:`state_dict` returned.
+
+        Raises:
+            RuntimeError: names or shapes differ from the configuration's.
+        """
+        for part, module in (("model", self.model), ("guide", self.guide)):
+            prefix = f"{part}."
+            own = {name.removeprefix(prefix): value for name, value in state.items() if name.startswith(prefix)}
+            module.load_state_dict(own)
+
+
+def build_system(config: SystemConfig, dtype: torch.dtype = torch.float32) -> System:
+    """Model and guide with fresh weights, drawn from torch's global generator.
+
+    Parameters live in the modules, not in Pyro's global store, so that torch optimizers, deep copies and data
+    parallelism see them.
+    """
+    steering_fdm = config.steering(torch.complex128 if dtype == torch.float64 else torch.complex64)
+    options, sizes = config.guide, config.model
+    with pyro.settings.context(module_local_params=True):
+        model = SpatialCGMM(
+            steering_fdm,
+            sizes.num_sources,
+            level_prior=SparseDirichlet(sizes.alpha),
+            direction_prior=LogNormalWeights(sizes.sigma),
+            diffuse=sizes.diffuse,
+        )
+        visual = VisualNet(
+            sizes.num_sources,
+            sizes.num_directions,
+            options.visual_channels,
+            options.dropout,
+            options.circular,
+            options.position_channels,
+        )
+        if options.audio_net:
+            audio = AudioNet(steering_fdm, options.audio_channels, dropout=options.dropout)
+            guide: AmortizedGuide | UniformLevelGuide = AmortizedGuide(
+                visual, audio, options.initial_sigma, options.initial_beta
+            )
+        else:
+            guide = UniformLevelGuide(visual, options.initial_sigma)
+        return System(config, model.to(dtype), guide.to(dtype))

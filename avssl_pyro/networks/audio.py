@@ -1,0 +1,115 @@
+"""AudioNet: listens towards every direction and tells how much of the sound each source class makes."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+
+class DilatedSeparableConv(nn.Module):
+    """Dilated depthwise-separable convolution over time with batch norm, leaky ReLU and a residual connection.
+
+    Works on (B, C, D, T): time is filtered, directions (or sources) are left alone.
+    """
+
+    def __init__(self, channels: int, dilation: int, dropout: float) -> None:
+        super().__init__()
+        self.depthwise = nn.Conv2d(
+            channels, channels, (1, 3), padding=(0, dilation), dilation=(1, dilation), groups=channels, bias=False
+        )
+        self.pointwise = nn.Conv2d(channels, channels, 1, bias=False)
+        self.norm = nn.BatchNorm2d(channels)
+        self.activation = nn.LeakyReLU(0.1, inplace=True)
+        self.dropout = nn.Dropout2d(dropout)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.dropout(self.activation(self.norm(self.pointwise(self.depthwise(x)))))
+
+
+class AudioNet(nn.Module):
+    """The audio DNN of Fig. 3 (b).
+
+    Delay-and-sum beamforming towards all D directions, log amplitude, normalisation per frequency, frequencies as
+    channels, convolutions over time, directions combined into sources by w (Eq. 3), convolutions, average over
+    time, affine, softmax over sources.
+
+    Args:
+        steering_fdm: steering vectors, complex (F, D, M).
+        channels: width of the convolutions.
+        direction_dilations: dilations of the convolutions before directions are combined.
+        source_dilations: dilations of the convolutions after.
+        dropout: probability in every block.
+        first_bin, bin_step: which STFT bins are listened to; every second one from 125 Hz to 6 kHz holds what speech
+            tells about directions at a third of the cost.
+        num_bins: how many of them.
+        frame_step: every how many frames are listened to.
+    """
+
+    def __init__(
+        self,
+        steering_fdm: Tensor,
+        channels: int = 64,
+        direction_dilations: Sequence[int] = (1,),
+        source_dilations: Sequence[int] = (1, 2, 4),
+        dropout: float = 0.1,
+        first_bin: int = 4,
+        bin_step: int = 2,
+        num_bins: int = 96,
+        frame_step: int = 2,
+    ) -> None:
+        super().__init__()
+        self.bins = slice(first_bin, min(first_bin + bin_step * num_bins, steering_fdm.shape[0]), bin_step)
+        self.frame_step = frame_step
+        beamformer_fdm = steering_fdm[self.bins].conj() / steering_fdm.shape[-1]
+        # Real and imaginary part of a^H x as one real product with [Re x; Im x]: (F', 2D, 2M).
+        real, imag = beamformer_fdm.real, beamformer_fdm.imag
+        beamformer = torch.cat([torch.cat([real, -imag], dim=-1), torch.cat([imag, real], dim=-1)], dim=-2)
+        self.beamformer: Tensor
+        self.register_buffer("beamformer", beamformer, persistent=False)
+        self.embed = nn.Linear(beamformer_fdm.shape[0], channels, bias=False)
+        self.embed_norm = nn.Sequential(nn.BatchNorm2d(channels), nn.LeakyReLU(0.1, inplace=True))
+        self.over_directions = nn.Sequential(*(DilatedSeparableConv(channels, i, dropout) for i in direction_dilations))
+        self.over_sources = nn.Sequential(*(DilatedSeparableConv(channels, i, dropout) for i in source_dilations))
+        self.affine = nn.Linear(channels, 1)
+
+    @torch.no_grad()
+    def _log_power(self, x_bfmt: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Beamformed log-power (B, F', D T') and its mean and standard deviation per frequency, (B, F')."""
+        x_bfmt = x_bfmt[:, self.bins, :, :: self.frame_step]
+        beam = self.beamformer @ torch.cat([x_bfmt.real, x_bfmt.imag], dim=-2)
+        real_bfdt, imag_bfdt = beam.chunk(2, dim=-2)
+        power_bfdt = real_bfdt.square_().addcmul_(imag_bfdt, imag_bfdt).flatten(-2)
+        # The floor is relative to the clip, so that the features do not depend on the recording's gain.
+        floor = (1e-8 * power_bfdt.mean(dim=(1, 2), keepdim=True)).clamp_min(torch.finfo(power_bfdt.dtype).tiny)
+        log_power = power_bfdt.add_(floor).log_()
+        mean_bf = log_power.mean(-1)
+        square_bf = torch.linalg.vector_norm(log_power, dim=-1).square() / log_power.shape[-1]
+        return log_power, mean_bf, (square_bf - mean_bf.square()).clamp_min(0).sqrt()
+
+    def direction_features(self, x_bfmt: Tensor) -> Tensor:
+        """Features u_cd of every direction, (B, C, D, T'), of a spectrogram (B, F, M, T)."""
+        log_power, mean_bf, std_bf = self._log_power(x_bfmt)
+        # (u - mean) / std followed by a 1x1 convolution over frequencies is one product with rescaled weights: the
+        # normalised copy of the largest tensor of the network is never made.
+        weight_bcf = self.embed.weight / (std_bf[:, None, :] + 1e-3)
+        offset_bc = weight_bcf @ mean_bf[..., None]
+        embedded = torch.baddbmm(-offset_bc, weight_bcf, log_power)
+        num_directions = self.beamformer.shape[-2] // 2
+        features: Tensor = self.over_directions(self.embed_norm(embedded.unflatten(-1, (num_directions, -1))))
+        return features
+
+    def levels(self, feature_bcdt: Tensor, share_bkd: Tensor) -> Tensor:
+        """Mixing levels pi_bar (P..., B, K) of sources whose weights over directions sum to 1, (P..., B, K, D)."""
+        particles = share_bkd.shape[:-3]
+        b, _, d, _ = feature_bcdt.shape
+        k = share_bkd.shape[-2]
+        # Eq. (3): v_ck = sum_d w_kd u_cd, one product per clip whatever the number of particles.
+        stacked_bkd = share_bkd.reshape(-1, b, k, d).transpose(0, 1).reshape(b, -1, d)
+        source_bckt = torch.einsum("bkd,bcdt->bckt", stacked_bkd, feature_bcdt)
+        pooled_bkc = self.over_sources(source_bckt).mean(dim=-1).transpose(1, 2)
+        logit_bk = self.affine(pooled_bkc).squeeze(-1).reshape(b, -1, k).transpose(0, 1)
+        return logit_bk.reshape(*particles, b, k).softmax(dim=-1)
+
+    def forward(self, x_bfmt: Tensor, share_bkd: Tensor) -> Tensor:
+        """Mixing levels pi_bar_bk of Eq. (2)."""
+        return self.levels(self.direction_features(x_bfmt), share_bkd)

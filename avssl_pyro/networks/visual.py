@@ -1,0 +1,131 @@
+"""VisualNet: a small U-Net that turns a 360-degree image into one log-weight per source class and direction."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+
+class _WrapAzimuth(torch.autograd.Function):
+    """Repeats the first and last column on the other side; its backward copies once where F.pad's copies thrice."""
+
+    @staticmethod
+    def forward(_ctx: Any, x: Tensor) -> Tensor:
+        return torch.cat([x[..., -1:], x, x[..., :1]], dim=-1)
+
+    @staticmethod
+    def backward(_ctx: Any, *grads: Tensor) -> Tensor:
+        (grad,) = grads
+        inner = grad[..., 1:-1].contiguous()
+        inner[..., -1] += grad[..., 0]
+        inner[..., 0] += grad[..., -1]
+        return inner
+
+
+class AzimuthConv(nn.Module):
+    """A convolution whose padding along azimuth is circular or zero; elevation is always padded with zeros."""
+
+    def __init__(self, inputs: int, outputs: int, stride: int = 1, circular: bool = False) -> None:
+        super().__init__()
+        self.circular = circular
+        padding = (1, 0) if circular else (1, 1)
+        self.conv = nn.Conv2d(inputs, outputs, kernel_size=3, stride=stride, padding=padding, bias=False)
+
+    def forward(self, x: Tensor) -> Tensor:
+        padded: Tensor = _WrapAzimuth.apply(x) if self.circular else x
+        convolved: Tensor = self.conv(padded)
+        return convolved
+
+
+def _block(inputs: int, outputs: int, stride: int, circular: bool) -> nn.Sequential:
+    return nn.Sequential(
+        AzimuthConv(inputs, outputs, stride, circular), nn.BatchNorm2d(outputs), nn.LeakyReLU(0.1, inplace=True)
+    )
+
+
+class _Up(nn.Module):
+    """Doubles the resolution with a pixel shuffle and joins the skip connection."""
+
+    def __init__(self, inputs: int, skip: int, outputs: int, circular: bool) -> None:
+        super().__init__()
+        self.expand = nn.Conv2d(inputs, 4 * outputs, kernel_size=1)
+        self.shuffle = nn.PixelShuffle(2)
+        self.merge = _block(outputs + skip, outputs, 1, circular)
+
+    def forward(self, x: Tensor, skip: Tensor) -> Tensor:
+        rows, columns = skip.shape[-2:]
+        up: Tensor = self.shuffle(self.expand(x))[..., :rows, :columns]
+        merged: Tensor = self.merge(torch.cat([up, skip], dim=1))
+        return merged
+
+
+class VisualNet(nn.Module):
+    """The visual DNN of Fig. 3 (a): U-Net, 1x1 convolutions, resize to D columns, vertical max pooling.
+
+    Args:
+        num_sources: K.
+        num_directions: D; the image width must be a multiple of it, so that columns and directions stay aligned.
+        channels: width of the U-Net at each halving of the resolution, the first at half the image's.
+        dropout: probability after the bottleneck and before the 1x1 convolutions.
+        circular: pad along azimuth as if the left and right edges were joined.
+        position_channels: feed sine and cosine of azimuth as well, by which source classes can divide the circle
+            among themselves; without them a circular network cannot tell directions apart.
+    """
+
+    def __init__(
+        self,
+        num_sources: int = 4,
+        num_directions: int = 72,
+        channels: Sequence[int] = (16, 32, 48, 64),
+        dropout: float = 0.1,
+        circular: bool = True,
+        position_channels: bool = True,
+    ) -> None:
+        super().__init__()
+        self.num_sources = num_sources
+        self.num_directions = num_directions
+        self.position_channels = position_channels
+        inputs = 3 + 2 * position_channels
+        self.down = nn.ModuleList()
+        for depth, outputs in enumerate(channels):
+            blocks = [_block(inputs, outputs, 2, circular)]
+            # At the finest level a second convolution costs a third of the network for little.
+            if depth > 0:
+                blocks.append(_block(outputs, outputs, 1, circular))
+            self.down.append(nn.Sequential(*blocks))
+            inputs = outputs
+        self.bottleneck_dropout = nn.Dropout2d(dropout)
+        self.up = nn.ModuleList(
+            _Up(deep, shallow, shallow, circular)
+            for deep, shallow in zip(reversed(channels[1:]), reversed(channels[:-1]), strict=True)
+        )
+        self.head = nn.Sequential(
+            nn.Dropout2d(dropout),
+            nn.Conv2d(channels[0], channels[0], kernel_size=1),
+            nn.LeakyReLU(0.1, inplace=True),
+            nn.Conv2d(channels[0], num_sources, kernel_size=1),
+        )
+
+    def forward(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
+        """Log-weights mu_bkd (B, K, D) and activation maps (B, K, I/2, J/2) of an image (B, 3, I, J) in [0, 1]."""
+        x = 2 * image_bcij - 1
+        if self.position_channels:
+            x = torch.cat([x, self._azimuth_planes(x)], dim=1)
+        skips: list[Tensor] = []
+        for level in self.down:
+            x = level(x)
+            skips.append(x)
+        x = self.bottleneck_dropout(skips.pop())
+        for level in self.up:
+            x = level(x, skips.pop())
+        activation_bkij: Tensor = self.head(x)
+        columns_bkid = F.adaptive_avg_pool2d(activation_bkij, (activation_bkij.shape[-2], self.num_directions))
+        return columns_bkid.amax(dim=-2), activation_bkij
+
+    def _azimuth_planes(self, x: Tensor) -> Tensor:
+        b, _, rows, columns = x.shape
+        azimuth_j = torch.pi * (1 - 2 * (torch.arange(columns, device=x.device, dtype=x.dtype) + 0.5) / columns)
+        planes = torch.stack([azimuth_j.sin(), azimuth_j.cos()])
+        return planes[None, :, None, :].expand(b, 2, rows, columns)

@@ -1,0 +1,119 @@
+"""Backgrounds of scenes: what a source of panoramas offers, and the source that reads a folder."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS
+from avssl_pyro.errors import InputError
+from avssl_pyro.simulation.material import list_material
+
+SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
+CACHED_PANORAMAS = 64
+WORKING_COLUMNS = 4 * IMAGE_COLUMNS
+
+
+class PanoramaSource(Protocol):
+    """Where the surroundings in an image come from."""
+
+    @property
+    def name(self) -> str:
+        """Short identity for manifests, e.g. ``procedural``."""
+        ...
+
+    def describe(self) -> str:
+        """One line for people: what the panoramas are and how many."""
+        ...
+
+    def draw(self, rng: np.random.Generator, camera_height_m: float) -> npt.NDArray[np.uint8]:
+        """A room without people, uint8 RGB, equirectangular, facing anywhere.
+
+        Either the full sphere (width twice the height) or elevations -55..55 degrees alone (the shape of a clip's
+        image, 88 x 288, or a multiple). A source that cannot choose the height of its camera ignores the request.
+        """
+        ...
+
+
+def face(panorama_ijc: npt.NDArray[np.uint8], yaw: float) -> npt.NDArray[np.uint8]:
+    """The panorama turned left by ``yaw`` radians (to the nearest column) and brought to a clip's image, (88, 288, 3).
+
+    Raises:
+        InputError: it is neither a full sphere nor shaped as a clip's image.
+    """
+    rows, columns = panorama_ijc.shape[:2]
+    shift = round(yaw / (2 * np.pi) * columns)
+    turned = np.roll(panorama_ijc, -shift, axis=1)
+    if columns == 2 * rows:
+        rows_full = IMAGE_COLUMNS // 2
+        margin = round((90.0 - IMAGE_MAX_ELEVATION_DEG) / 180.0 * rows_full)
+        whole = cv2.resize(turned, (IMAGE_COLUMNS, rows_full), interpolation=cv2.INTER_AREA)
+        return np.ascontiguousarray(whole[margin : margin + IMAGE_ROWS], dtype=np.uint8)
+    if columns * IMAGE_ROWS == rows * IMAGE_COLUMNS:
+        resized = cv2.resize(turned, (IMAGE_COLUMNS, IMAGE_ROWS), interpolation=cv2.INTER_AREA)
+        return np.asarray(resized, dtype=np.uint8)
+    raise InputError(
+        f"a panorama of {columns} x {rows} pixels is neither a full sphere (width twice the height) "
+        f"nor {IMAGE_COLUMNS} x {IMAGE_ROWS}."
+    )
+
+
+@dataclass(frozen=True)
+class PanoramaFolder:
+    """Panoramas from the equirectangular JPEG or PNG files found under a folder; each covers the full sphere, 2:1.
+
+    The latest ones are kept in memory at working size, and left out when the object travels to another process.
+
+    Raises:
+        InputError: the folder is missing or empty; on drawing, a file that cannot be read or is not twice as wide as
+            high.
+    """
+
+    folder: Path
+    paths: tuple[Path, ...] = field(init=False, repr=False)
+    _cache: dict[Path, npt.NDArray[np.uint8]] = field(init=False, repr=False, compare=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "paths", list_material(self.folder, SUFFIXES, "panorama"))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"folder": self.folder, "paths": self.paths, "_cache": {}}
+
+    @property
+    def name(self) -> str:
+        return f"folder:{self.folder}"
+
+    def describe(self) -> str:
+        return f"{len(self.paths)} panoramas of {self.folder}"
+
+    def draw(self, rng: np.random.Generator, camera_height_m: float) -> npt.NDArray[np.uint8]:  # noqa: ARG002
+        path = self.paths[int(rng.integers(len(self.paths)))]
+        panorama_ijc = self._cache.get(path)
+        if panorama_ijc is None:
+            if len(self._cache) >= CACHED_PANORAMAS:
+                self._cache.clear()
+            panorama_ijc = self._cache.setdefault(path, read_panorama(path))
+        return panorama_ijc
+
+
+def read_panorama(path: Path) -> npt.NDArray[np.uint8]:
+    """A full-sphere panorama, uint8 RGB, at most 1152 columns wide.
+
+    Raises:
+        InputError: the file cannot be read or is not twice as wide as high.
+    """
+    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    if image is None:
+        raise InputError(f"{path}: cannot read the panorama; a JPEG or PNG is expected.")
+    rows, columns = image.shape[:2]
+    if columns != 2 * rows or columns < IMAGE_COLUMNS:
+        raise InputError(
+            f"{path}: the panorama is {columns} x {rows} pixels; an equirectangular full sphere, twice as wide as "
+            f"high and at least {IMAGE_COLUMNS} wide, is expected."
+        )
+    if columns > WORKING_COLUMNS:
+        image = cv2.resize(image, (WORKING_COLUMNS, WORKING_COLUMNS // 2), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)

@@ -1,0 +1,130 @@
+"""Dry speech for the talkers of a scene: what a source offers, and the source that reads a folder."""
+
+from dataclasses import dataclass, field
+from math import gcd
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+import soundfile
+from scipy import signal
+
+from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.errors import InputError
+from avssl_pyro.simulation.material import list_material
+
+SUFFIXES = frozenset({".wav", ".flac"})
+FRAME_SAMPLES = SAMPLE_RATE // 50
+# A frame counts as speech when it lies within 30 dB of the loud ones, an excerpt when this share of its frames does.
+ACTIVE_RANGE_DB = 30.0
+ACTIVE_SHARE = 0.7
+# Long recordings are read in one random stretch of this length, so that an hour costs no more than a sentence.
+STRETCH_S = 20.0
+
+
+class SpeechSource(Protocol):
+    """Where talkers get their voices."""
+
+    @property
+    def name(self) -> str:
+        """Short identity for manifests, e.g. ``procedural``."""
+        ...
+
+    def describe(self) -> str:
+        """One line for people: what the voices are and how many."""
+        ...
+
+    def draw(self, rng: np.random.Generator, num_samples: int) -> npt.NDArray[np.float32]:
+        """Speech in progress, float32 (N,), 16 kHz, unit RMS."""
+        ...
+
+
+def normalize(speech_n: npt.NDArray[np.floating], where: str) -> npt.NDArray[np.float32]:
+    """Unit RMS, as float32.
+
+    Raises:
+        InputError: the signal is silent; ``where`` names it.
+    """
+    rms = float(np.sqrt(np.mean(np.square(speech_n, dtype=np.float64))))
+    if rms < 1e-6:
+        raise InputError(f"{where}: the recording is silent; every speech file must hold audible speech.")
+    return (speech_n / rms).astype(np.float32)
+
+
+def active_excerpt(
+    speech_n: npt.NDArray[np.floating], num_samples: int, rng: np.random.Generator
+) -> npt.NDArray[np.floating]:
+    """A random excerpt in which the talker is speaking most of the time.
+
+    A signal shorter than ``num_samples`` is set into silence at a random place.
+    """
+    spare = len(speech_n) - num_samples
+    if spare <= 0:
+        before = int(rng.integers(0, -spare + 1))
+        return np.pad(speech_n, (before, -spare - before))
+    num_frames = len(speech_n) // FRAME_SAMPLES
+    frames = speech_n[: num_frames * FRAME_SAMPLES].reshape(num_frames, FRAME_SAMPLES)
+    power_t = np.mean(np.square(frames, dtype=np.float64), axis=1)
+    active_t = power_t > np.quantile(power_t, 0.95) * 10 ** (-ACTIVE_RANGE_DB / 10)
+    span = min(-(-num_samples // FRAME_SAMPLES), num_frames)
+    counts = np.concatenate([[0], np.cumsum(active_t)])
+    share_t = (counts[span:] - counts[:-span]) / span
+    starts = np.flatnonzero(share_t >= min(ACTIVE_SHARE, share_t.max()))
+    start = min(int(rng.choice(starts)) * FRAME_SAMPLES + int(rng.integers(FRAME_SAMPLES)), spare)
+    return speech_n[start : start + num_samples]
+
+
+@dataclass(frozen=True)
+class SpeechFolder:
+    """Speech from any WAV or FLAC files, any rate, any number of channels (mixed down), found under a folder.
+
+    The whole folder is one material set: keep training and test speakers in different folders.
+
+    Raises:
+        InputError: the folder is missing or empty; on drawing, a file that cannot be read or holds no audible speech.
+    """
+
+    folder: Path
+    paths: tuple[Path, ...] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "paths", list_material(self.folder, SUFFIXES, "speech"))
+
+    @property
+    def name(self) -> str:
+        return f"folder:{self.folder}"
+
+    def describe(self) -> str:
+        return f"{len(self.paths)} speech files of {self.folder}"
+
+    def draw(self, rng: np.random.Generator, num_samples: int) -> npt.NDArray[np.float32]:
+        path = self.paths[int(rng.integers(len(self.paths)))]
+        speech_n = read_stretch(path, num_samples / SAMPLE_RATE, rng)
+        return normalize(active_excerpt(speech_n, num_samples, rng), str(path))
+
+
+def read_stretch(path: Path, seconds: float, rng: np.random.Generator) -> npt.NDArray[np.float32]:
+    """A stretch of a recording, mixed down and resampled to 16 kHz; all of it unless it is much longer than asked for.
+
+    Raises:
+        InputError: the file cannot be read, is empty, or holds non-finite samples.
+    """
+    try:
+        with soundfile.SoundFile(path) as file:
+            rate, frames = file.samplerate, file.frames
+            wanted = int(max(STRETCH_S, 2 * seconds) * rate)
+            if frames > wanted:
+                file.seek(int(rng.integers(frames - wanted + 1)))
+            audio_nm = file.read(wanted, dtype="float32", always_2d=True)
+    except (soundfile.SoundFileError, OSError) as error:
+        raise InputError(f"{path}: cannot read the speech file ({error}); WAV and FLAC are read.") from error
+    if len(audio_nm) == 0:
+        raise InputError(f"{path}: the speech file is empty; it must hold audible speech.")
+    speech_n: npt.NDArray[np.float32] = audio_nm.mean(axis=1, dtype=np.float32)
+    if not np.isfinite(speech_n).all():
+        raise InputError(f"{path}: the speech file holds NaN or infinite samples; all must be finite.")
+    if rate != SAMPLE_RATE:
+        common = gcd(rate, SAMPLE_RATE)
+        speech_n = signal.resample_poly(speech_n, SAMPLE_RATE // common, rate // common).astype(np.float32)
+    return speech_n

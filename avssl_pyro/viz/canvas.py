@@ -1,0 +1,80 @@
+"""Pixel geometry of the overlay: a picture that closes to a ring, and boxes on it that neither overlap nor get cut."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+MIN_WIDTH = 1152
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """Image on top, degree ruler below; ``unit`` scales lines and letters with the width. All lengths in pixels."""
+
+    width: int
+    image_height: int
+
+    @property
+    def unit(self) -> float:
+        return self.width / MIN_WIDTH
+
+    @property
+    def ruler_height(self) -> int:
+        return round(34 * self.unit)
+
+    @property
+    def height(self) -> int:
+        return self.image_height + self.ruler_height
+
+    def column(self, azimuth: float) -> float:
+        """Horizontal position of an azimuth (radians), from 0 (left edge, +180 degrees) to the width."""
+        return float((np.pi - azimuth) % (2 * np.pi)) / (2 * np.pi) * self.width
+
+    def copies(self, left: float, right: float) -> Iterator[float]:
+        """Shifts by whole turns that bring part of [left, right] onto the canvas."""
+        for shift in (-self.width, 0, self.width):
+            if right + shift > 0 and left + shift < self.width:
+                yield float(shift)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box around each of some horizontal centers, at one height."""
+
+    centers: tuple[float, ...]
+    y: float
+
+
+@dataclass(frozen=True)
+class BoxSize:
+    width: float
+    height: float
+
+
+def place_boxes(anchors: Sequence[tuple[float, float]], canvas: Canvas, size: BoxSize) -> list[Box]:
+    """Places a box above each anchor (x, y), moved up or down out of the way of those before it.
+
+    A box that would cross the seam is drawn whole at both edges instead.
+    """
+    gap = 3 * canvas.unit
+    half = size.width / 2 + gap
+    low, high = size.height / 2 + gap, canvas.image_height - size.height / 2 - gap
+    placed: list[Box] = []
+
+    def overlaps(centers: tuple[float, ...], y: float) -> bool:
+        return any(
+            abs(y - other.y) < size.height + gap
+            and any(abs(x - other_x) < size.width + gap for x in centers for other_x in other.centers)
+            for other in placed
+        )
+
+    for x, row in anchors:
+        inside = [float(np.clip(x + shift, half, canvas.width - half)) for shift in canvas.copies(x - half, x + half)]
+        centers = tuple(inside)
+        wish = row - 22 * canvas.unit - size.height / 2
+        steps = [sign * step * (size.height + gap) for step in range(12) for sign in (-1, 1)]
+        heights = [float(np.clip(wish + step, low, high)) for step in steps]
+        y = next((height for height in heights if not overlaps(centers, height)), heights[0])
+        placed.append(Box(centers, y))
+    return placed

@@ -1,0 +1,105 @@
+"""The same model with its time-frequency masks kept as latent variables (Eqs. 5, 6), for exact enumeration.
+
+::
+
+    clip    (dim -1):  w_kd, pi_k
+    frame   (dim -2) x frequency (dim -3):  z_tf ~ Cat(pi),  x_tf | z_tf ~ N_C(0, lambda H_fz)
+
+Marginalising z with ``TraceEnum_ELBO`` must give what :class:`SpatialCGMM` gives; the conditional is written with plain
+complex algebra to make that a check.
+"""
+
+import math
+from typing import Any, ClassVar
+
+import pyro
+import pyro.distributions as dist
+import torch
+from pyro.distributions import TorchDistribution
+from pyro.nn import PyroModule
+from pyro.ops.indexing import Vindex
+from torch import Size, Tensor
+from torch.distributions import constraints
+
+from avssl_pyro.distributions.profiled_gaussian import RELATIVE_POWER_FLOOR
+from avssl_pyro.models.priors import DirectionPrior, LevelPrior, LogNormalWeights, SparseDirichlet
+
+
+class ProfiledBin(TorchDistribution):
+    """N_C(0, lambda H) of one time-frequency bin with lambda at its maximum-likelihood value (Eqs. 7, 14).
+
+    Args:
+        precision: H^-1, complex (..., M, M).
+        logdet: log det H, (...).
+        power_floor: added to lambda, (...).
+    """
+
+    arg_constraints: ClassVar[dict[str, constraints.Constraint]] = {}
+    support = constraints.independent(constraints.real, 1)
+
+    def __init__(self, precision: Tensor, logdet: Tensor, power_floor: Tensor) -> None:
+        self.precision, self.logdet, self.power_floor = precision, logdet, power_floor
+        super().__init__(
+            torch.broadcast_shapes(logdet.shape, power_floor.shape), Size(precision.shape[-1:]), validate_args=False
+        )
+
+    def expand(self, batch_shape: Any, _instance: Any = None) -> "ProfiledBin":
+        m = self.event_shape[0]
+        return ProfiledBin(
+            self.precision.expand(*batch_shape, m, m),
+            self.logdet.expand(batch_shape),
+            self.power_floor.expand(batch_shape),
+        )
+
+    def log_prob(self, value: Tensor) -> Tensor:
+        m = self.event_shape[0]
+        quad = torch.einsum("...m,...mn,...n->...", value.conj(), self.precision, value).real
+        return -m * torch.log(math.pi * (quad / m + self.power_floor)) - self.logdet - m
+
+
+class ExplicitMaskCGMM(PyroModule):
+    """:class:`SpatialCGMM` with a ``mask`` site per time-frequency bin; memory-hungry, for tests and small clips.
+
+    Args:
+        steering_fdm: steering vectors a_fd, complex (F, D, M).
+        num_sources, level_prior, direction_prior, diffuse: as in :class:`SpatialCGMM`.
+    """
+
+    def __init__(
+        self,
+        steering_fdm: Tensor,
+        num_sources: int = 4,
+        level_prior: LevelPrior = SparseDirichlet(alpha=0.01),  # noqa: B008
+        direction_prior: DirectionPrior = LogNormalWeights(sigma=1.0),  # noqa: B008
+        diffuse: float = 0.1,
+    ) -> None:
+        super().__init__()
+        self.num_sources = num_sources
+        self.level_prior = level_prior
+        self.direction_prior = direction_prior
+        self.diffuse = diffuse
+        self.steering_pairs: Tensor
+        self.register_buffer("steering_pairs", torch.view_as_real(steering_fdm), persistent=False)
+
+    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:  # noqa: ARG002
+        steering_fdm, like = torch.view_as_complex(self.steering_pairs), self.steering_pairs
+        f, d, m = steering_fdm.shape
+        b, t = x_bfmt.shape[0], x_bfmt.shape[-1]
+        clip_plate = pyro.plate("clip", b, dim=-1)
+        frame_plate = pyro.plate("frame", t, dim=-2)
+        frequency_plate = pyro.plate("frequency", f, dim=-3)
+        with clip_plate:
+            w_bkd = pyro.sample("direction_weights", self.direction_prior(self.num_sources, d, like))
+            pi_bk = pyro.sample("mixing_levels", self.level_prior(self.num_sources, like))
+        share_bkd = (w_bkd / w_bkd.sum(-1, keepdim=True)).to(steering_fdm.dtype)
+        scm_fbkmn = torch.einsum("bkd,fdm,fdn->fbkmn", share_bkd, steering_fdm, steering_fdm.conj())
+        scm_fbkmn = scm_fbkmn + self.diffuse * torch.eye(m, dtype=scm_fbkmn.dtype, device=scm_fbkmn.device)
+        precision_f1bkmn = torch.linalg.inv(scm_fbkmn)[:, None]
+        logdet_f1bk = torch.linalg.slogdet(scm_fbkmn).logabsdet[:, None]
+        floor_b = RELATIVE_POWER_FLOOR * x_bfmt.abs().square().mean((1, 2, 3))
+        x_ftbm = x_bfmt.permute(1, 3, 0, 2)
+        with clip_plate, frame_plate, frequency_plate:
+            z_ftb = pyro.sample("mask", dist.Categorical(pi_bk), infer={"enumerate": "parallel"})
+            precision = Vindex(precision_f1bkmn)[..., z_ftb, :, :]
+            logdet = Vindex(logdet_f1bk)[..., z_ftb]
+            pyro.sample("spectrogram", ProfiledBin(precision, logdet, floor_b), obs=x_ftbm)

@@ -1,0 +1,25 @@
+"""Makes fake_simulator importable here and, since they inherit sys.path, in worker processes."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from fake_simulator import FakeSimulator, fake_plan
+
+from avssl_pyro.data.generation import GenerationPlan, generate
+
+
+@pytest.fixture
+def make_scenes(tmp_path: Path) -> Callable[..., GenerationPlan]:
+    """Makes a small dataset in a folder of the given name and returns its plan."""
+
+    def make(name: str = "scenes", num_scenes: int = 10, **settings: object) -> GenerationPlan:
+        plan = fake_plan(tmp_path / name, num_scenes, FakeSimulator(**settings))  # type: ignore[arg-type]
+        generate(plan, workers=1, progress=False)
+        return plan
+
+    return make

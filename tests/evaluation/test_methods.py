@@ -1,0 +1,42 @@
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.methods import tune
+
+
+@dataclass(frozen=True)
+class Loudest:
+    """Observes (azimuth, strength) pairs and keeps those above a threshold."""
+
+    settings: tuple[float, ...]
+    name: str = "loudest"
+
+    def observe_all(self, clips):
+        return list(clips)
+
+    def decide(self, observation, setting):
+        return np.array([azimuth for azimuth, strength in observation if strength >= setting])
+
+
+def test_the_threshold_with_the_highest_f_is_chosen():
+    observations = [[(0.0, 0.9), (1.0, 0.2)], [(2.0, 0.8), (0.5, 0.5)]]
+    references = [[0.0], [2.0, 0.5]]
+    tuned = tune(Loudest((0.1, 0.4, 0.85)), observations, references, 0.1)
+    assert (tuned.setting, tuned.f_measure, tuned.count_accuracy) == (0.4, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("settings", [(0.7, 0.3), (0.3, 0.7)])
+def test_equal_f_is_decided_by_the_count(settings):
+    # Both settings score F = 2/3; 0.7 gets one count of two right, 0.3 none.
+    observations = [[(0.0, 0.9), (2.0, 0.5)], [(1.0, 0.5), (2.0, 0.5)]]
+    tuned = tune(Loudest(settings), observations, [[0.0], [1.0]], 0.1)
+    assert (tuned.setting, tuned.count_accuracy) == (0.7, 0.5)
+    assert tuned.f_measure == pytest.approx(2 / 3)
+
+
+def test_a_method_without_settings_is_refused():
+    with pytest.raises(InputError, match="'loudest' has no settings"):
+        tune(Loudest(()), [[]], [[]], 0.1)
