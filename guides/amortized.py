@@ -65,6 +65,7 @@ class AmortizedGuide(PyroModule):
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
         """mu_bkd and the 2-D activation maps it was pooled from."""
         mu_bkd, activation_bkij = self.visual(image_bcij)
+        mu_bkd = mu_bkd.to(self.log_sigma_k.dtype)
         return mu_bkd.clamp(-LOG_WEIGHT_LIMIT, LOG_WEIGHT_LIMIT), activation_bkij
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:

@@ -34,6 +34,7 @@ class UniformLevelGuide(PyroModule):
 
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
         mu_bkd, activation_bkij = self.visual(image_bcij)
+        mu_bkd = mu_bkd.to(self.log_sigma_k.dtype)
         return mu_bkd.clamp(-LOG_WEIGHT_LIMIT, LOG_WEIGHT_LIMIT), activation_bkij
 
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:  # noqa: ARG002

@@ -53,7 +53,9 @@ class SpatialCGMM(PyroModule):
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:  # noqa: ARG002
         like, num_directions = self.template_pairs, self.template_pairs.shape[0]
-        with pyro.plate("clip", x_bfmt.shape[0], dim=-1):
+        # Sums of a million log-likelihoods have no room for half precision, whatever the networks run in.
+        full_precision = torch.autocast(x_bfmt.device.type, enabled=False)
+        with full_precision, pyro.plate("clip", x_bfmt.shape[0], dim=-1):
             w_bkd = pyro.sample("direction_weights", self.direction_prior(self.num_sources, num_directions, like))
             pi_bk = pyro.sample("mixing_levels", self.level_prior(self.num_sources, like))
             mixture = SpatialMixture(

@@ -17,7 +17,8 @@ from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TRAIN, default_dataset
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.progress_log import read_log
+from avssl_pyro.inference.memory import keep_freed_memory
+from avssl_pyro.inference.reporting import read_log
 from avssl_pyro.inference.system import GuideConfig, ModelConfig, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO, RecordingTraceELBO
 from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, train
@@ -61,7 +62,7 @@ class TrainOptions:
     """Processes on this machine, one per device."""
     num_nodes: int = 1
     """Machines."""
-    precision: Literal["32-true", "bf16-mixed", "16-mixed"] = "32-true"
+    precision: Literal["32-true", "bf16-mixed"] = "32-true"
     """Precision of the networks; the likelihood is always computed in 32 bits or more."""
 
 
@@ -95,6 +96,7 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def train_with(options: TrainOptions) -> None:
     """Trains as the options say and draws the curves."""
+    keep_freed_memory()
     array = resolve_array(options.array)
     _claim_run(options, array)
     fabric = Fabric(

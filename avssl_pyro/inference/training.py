@@ -4,27 +4,29 @@ Everything random in a step (latent noise, dropout, the order of clips) is a fun
 that was stopped anywhere and resumed gives the numbers of one that was not.
 """
 
+import contextlib
 import math
 import time
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pyro
 import torch
 from lightning_fabric import Fabric
 from pyro.infer import Trace_ELBO
-from tqdm import tqdm
 
 from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.data.batch import ClipBatch
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.loader import make_loader
 from avssl_pyro.data.sampling import WindowShuffleSampler
+from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.interruption import StopRequest
-from avssl_pyro.inference.progress_log import ProgressLog
+from avssl_pyro.inference.reporting import Reporter
 from avssl_pyro.inference.system import System
 from avssl_pyro.inference.terms import ElboTerms, RecordingMeanFieldELBO, RecordsTerms
 from avssl_pyro.inference.training_state import TrainingState
@@ -106,22 +108,18 @@ def train(
         rank=fabric.global_rank,
     )
     total_steps = config.epochs * sampler.steps_per_epoch
+    module, fabric_optimizer = fabric.setup(loss_module, optimizer)
     state = TrainingState(run_dir, system, optimizer)
     first_step = state.load()
-    module, fabric_optimizer = fabric.setup(loss_module, optimizer)
-    log = ProgressLog(run_dir, first_step) if fabric.is_global_zero else None
-    bar = tqdm(
-        total=total_steps * sampler.global_batch_size,
-        initial=first_step * sampler.global_batch_size,
-        unit="clip",
-        desc="training",
-        disable=not fabric.is_global_zero,
-        smoothing=0.05,
-        mininterval=0.5,
+    reporter = Reporter(
+        run_dir,
+        first_step=first_step,
+        total_steps=total_steps,
+        clips_per_step=sampler.global_batch_size,
+        enabled=fabric.is_global_zero,
     )
-    last_save = last_log = time.monotonic()
-    step = first_step
-    with bar, StopRequest() as stop:
+    last_save, step, stopping = time.monotonic(), first_step, False
+    with contextlib.closing(reporter), StopRequest() as stop, _own_nan_checks():
         for batch in _batches(dataset, sampler, config, first_step, total_steps, fabric.device):
             _seed_step(config.seed, step, fabric.global_rank)
             learning_rate = config.learning_rate * _schedule(step, total_steps, config)
@@ -133,31 +131,29 @@ def train(
             assert estimator.terms is not None
             _check_finite(loss, estimator.terms, batch, step)
             fabric.backward(loss)
-            norm = torch.nn.utils.clip_grad_norm_(loss_module.parameters(), config.gradient_clip)
-            if not torch.isfinite(norm):
+            norm = fabric.clip_gradients(
+                module, fabric_optimizer, max_norm=config.gradient_clip, error_if_nonfinite=False
+            )
+            if norm is not None and not torch.isfinite(norm):
                 raise TrainingDivergedError(_describe_gradient(loss_module, batch, step))
             fabric_optimizer.step()
-            optimizer.zero_grad()
+            fabric_optimizer.zero_grad()
             step += 1
-            bar.update(sampler.global_batch_size)
-            now = time.monotonic()
-            if log is not None and (step % config.log_every == 0 or step == total_steps):
-                rate = config.log_every * sampler.global_batch_size / max(now - last_log, 1e-9)
-                record = _record(step, sampler, loss, estimator.terms, f * t, system, learning_rate, rate)
-                log.write(record)
-                bar.set_postfix_str(_summary(record))
-                last_log = now
-            stopping = stop.requested or step == stop_after
-            if stopping or now - last_save > 60 * config.checkpoint_minutes or step == total_steps:
+            reporter.advance()
+            done = step == total_steps
+            if step % config.log_every == 0 or done:
+                epoch = step / sampler.steps_per_epoch
+                values = {"epoch": epoch, "loss": loss.item(), "learning_rate": learning_rate}
+                reporter.record(step, values | _terms(estimator.terms, f * t) | _scales(system))
+            stopping = not done and (_anyone(stop.requested, fabric) or step == stop_after)
+            if stopping or done or time.monotonic() - last_save > 60 * config.checkpoint_minutes:
                 if fabric.is_global_zero:
                     state.save(step)
                     save_checkpoint(run_dir / CHECKPOINT_NAME, system)
-                last_save = now
+                last_save = time.monotonic()
             if stopping:
                 break
-    if log is not None:
-        log.close()
-    if stop.requested:
+    if stopping and step != stop_after:
         raise KeyboardInterrupt
 
 
@@ -176,6 +172,22 @@ def _batches(
         order = sampler.at(epoch, skip if epoch == first_epoch else 0)
         for batch in make_loader(dataset, order, config.num_workers, device):
             yield batch.to(device, non_blocking=True)
+
+
+@contextlib.contextmanager
+def _own_nan_checks() -> Iterator[None]:
+    """Leaves a NaN to :func:`_check_finite`, which knows the step, the term and the clip; Pyro would stop or warn."""
+    with pyro.validation_enabled(False), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Encountered NaN", category=UserWarning)
+        yield
+
+
+def _anyone(requested: bool, fabric: Fabric) -> bool:
+    """Whether any process was asked to stop; all must leave after the same step or those that go on wait forever."""
+    if fabric.world_size == 1:
+        return requested
+    flag = torch.tensor(float(requested), device=fabric.device)
+    return bool(torch.as_tensor(fabric.all_reduce(flag, reduce_op="sum")) > 0)
 
 
 def _seed_step(seed: int, step: int, rank: int) -> None:
@@ -216,28 +228,14 @@ def _describe_gradient(module: torch.nn.Module, batch: ClipBatch, step: int) -> 
     )
 
 
-def _record(
-    step: int,
-    sampler: WindowShuffleSampler,
-    loss: torch.Tensor,
-    terms: ElboTerms,
-    bins: int,
-    system: System,
-    learning_rate: float,
-    clips_per_second: float,
-) -> dict[str, Any]:
-    record: dict[str, Any] = {"step": step, "epoch": step / sampler.steps_per_epoch, "loss": loss.item()}
-    record |= {name: value_b.mean().item() / bins for name, value_b in terms.named().items()}
-    sigma_k = system.guide.log_sigma_k.detach().exp()
-    record |= {f"sigma_{k}": value for k, value in enumerate(sigma_k.tolist())}
-    if hasattr(system.guide, "log_beta"):
-        record["beta"] = system.guide.log_beta.detach().exp().item()
-    return record | {"learning_rate": learning_rate, "clips_per_second": clips_per_second}
+def _terms(terms: ElboTerms, bins: int) -> dict[str, float]:
+    """Mean ELBO terms per time-frequency bin."""
+    return {name: value_b.mean().item() / bins for name, value_b in terms.named().items()}
 
 
-def _summary(record: dict[str, Any]) -> str:
-    """The terms of the ELBO per time-frequency bin, as shown beside the progress bar."""
-    return (
-        f"elbo {-record['loss']:.4f} = lik {record['log_likelihood']:.4f} - "
-        f"kl_w {record['kl_direction_weights']:.4f} - kl_pi {record.get('kl_mixing_levels', 0.0):.4f}"
-    )
+def _scales(system: System) -> dict[str, float]:
+    """The learned uncertainties sigma_k and beta, whose collapse shows here first."""
+    scales = {f"sigma_{k}": sigma for k, sigma in enumerate(system.guide.log_sigma_k.detach().exp().tolist())}
+    if isinstance(system.guide, AmortizedGuide):
+        scales["beta"] = system.guide.log_beta.detach().exp().item()
+    return scales

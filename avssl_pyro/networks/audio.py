@@ -55,7 +55,7 @@ class AudioNet(nn.Module):
         first_bin: int = 4,
         bin_step: int = 2,
         num_bins: int = 96,
-        frame_step: int = 2,
+        frame_step: int = 3,
     ) -> None:
         super().__init__()
         self.bins = slice(first_bin, min(first_bin + bin_step * num_bins, steering_fdm.shape[0]), bin_step)
@@ -75,6 +75,10 @@ class AudioNet(nn.Module):
     @torch.no_grad()
     def _log_power(self, x_bfmt: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Beamformed log-power (B, F', D T') and its mean and standard deviation per frequency, (B, F')."""
+        with torch.autocast(x_bfmt.device.type, enabled=False):
+            return self._beamformed(x_bfmt)
+
+    def _beamformed(self, x_bfmt: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         x_bfmt = x_bfmt[:, self.bins, :, :: self.frame_step]
         beam = self.beamformer @ torch.cat([x_bfmt.real, x_bfmt.imag], dim=-2)
         real_bfdt, imag_bfdt = beam.chunk(2, dim=-2)
