@@ -3,12 +3,21 @@
 from pathlib import Path
 
 import pytest
+import torch
+from hypothesis import settings
 
 from avssl_pyro.data.generation import generate
 from avssl_pyro.data.scene_plan import plan_scenes
 from avssl_pyro.simulation.scenes import SceneSimulator
 
 NUM_SCENES = 10
+
+# A deadline per example would fail on a busy machine.
+settings.register_profile("avssl", deadline=None)
+settings.load_profile("avssl")
+
+# Tensors as small as the tests' gain nothing from threads, and beside other workers lose much to them.
+torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="session")

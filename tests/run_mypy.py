@@ -1,7 +1,7 @@
 """Runs mypy on the package and the scripts; exits with mypy's code.
 
-mypy resolves `avssl_pyro.models` by its place on disk, not by the package map of pyproject.toml, so it is shown a folder
-of symlinks laid out like an installed package. Paths in its messages are those of the checkout again.
+mypy resolves `avssl_pyro.models` by its place on disk, not by the package map of pyproject.toml, so it is shown a
+folder of symlinks laid out like an installed package. Paths in its messages are those of the checkout again.
 """
 
 import re

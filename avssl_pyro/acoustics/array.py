@@ -1,5 +1,6 @@
 """Microphone array geometry: positions, their validation, and the YAML file that describes them."""
 
+import math
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -46,7 +47,7 @@ class MicrophoneArray:
         if len(self.positions_m) < 2:
             raise InputError(f"{where}: it has {len(self.positions_m)} microphone(s); localization needs at least two.")
         for (i, first), (j, second) in combinations(enumerate(self.positions_m, start=1), 2):
-            distance = float(np.linalg.norm(np.subtract(first, second)))
+            distance = math.dist(first, second)
             if distance < MIN_SPACING_M:
                 raise InputError(
                     f"{where}: microphones {i} and {j} are both at {first}; every microphone needs its own place."
@@ -83,11 +84,11 @@ class MicrophoneArray:
         }
 
     @classmethod
-    def from_dict(cls, data: Any, where: str = "array") -> "MicrophoneArray":
+    def from_dict(cls, data: Any, where: str = "array description") -> "MicrophoneArray":
         """Builds an array from the mapping that :meth:`to_dict` writes; ``where`` names the source in messages.
 
         Raises:
-            InputError: a key is missing, unknown, or has the wrong type.
+            InputError: a key is missing, unknown, or has the wrong type, or the geometry is wrong.
         """
         if not isinstance(data, dict):
             raise InputError(f"{where}: expected keys 'name' and 'positions_m', found {type(data).__name__}.")
@@ -102,9 +103,12 @@ class MicrophoneArray:
         try:
             positions = tuple(tuple(float(value) for value in row) for row in rows)
             speed_of_sound = float(data.get("speed_of_sound", SPEED_OF_SOUND))
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{where}: positions and speed of sound must be numbers ({error}).") from error
-        return cls(str(data.get("name", "array")), positions, speed_of_sound)  # type: ignore[arg-type]
+        try:
+            return cls(str(data.get("name", "array")), positions, speed_of_sound)  # type: ignore[arg-type]
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from error
 
     def save(self, path: Path) -> None:
         """Writes the array as YAML."""
@@ -121,7 +125,8 @@ class MicrophoneArray:
             data = yaml.safe_load(path.read_text(encoding="utf-8"))
         except (OSError, UnicodeDecodeError) as error:
             raise InputError(f"{path}: cannot read the array file ({error}).") from error
-        except yaml.YAMLError as error:
+        # YAML's own constructors let ValueError through (a date such as 2020-13-45), and deep nesting RecursionError.
+        except (yaml.YAMLError, ValueError, RecursionError) as error:
             problem = " ".join(str(error).split())
             raise InputError(f"{path}: not valid YAML ({problem}); expected 'positions_m' rows in metres.") from error
         return cls.from_dict(data, where=str(path))

@@ -4,6 +4,7 @@ A Hermitian M x M matrix has M^2 real degrees of freedom. Written in them, sums 
 become real matrix products, several times faster than complex triangular solves.
 """
 
+import math
 from typing import Any
 
 import torch
@@ -82,3 +83,26 @@ def form_coefficients(matrix: Tensor) -> Tensor:
     row, column = torch.triu_indices(m, m, offset=1, device=matrix.device)
     upper = 2 * matrix[..., row, column]
     return torch.cat([matrix.diagonal(dim1=-2, dim2=-1).real, upper.real, -upper.imag], dim=-1)
+
+
+def matrix_from_features(feature: Tensor) -> Tensor:
+    """The Hermitian matrices whose real features these are, (..., M^2) to complex (..., M, M)."""
+    m = math.isqrt(feature.shape[-1])
+    row, column = torch.triu_indices(m, m, offset=1, device=feature.device)
+    pairs = row.numel()
+    power, real, imag = feature.split([m, pairs, pairs], dim=-1)
+    # The features hold conj(x_m) x_n for m < n, which is entry (n, m) of x x^H.
+    lower = torch.complex(real, imag)
+    matrix = lower.new_zeros(*feature.shape[:-1], m, m)
+    matrix[..., column, row] = lower
+    matrix[..., row, column] = lower.conj()
+    matrix.diagonal(dim1=-2, dim2=-1).copy_(power)
+    return matrix
+
+
+def template_features(template_dfmm: Tensor) -> Tensor:
+    """Real features of the templates G_fd = a_fd a_fd^H, (D, F, M^2), so that a^H Q a is a real product."""
+    m = template_dfmm.shape[-1]
+    row, column = torch.triu_indices(m, m, offset=1, device=template_dfmm.device)
+    lower = template_dfmm[..., column, row]
+    return torch.cat([template_dfmm.diagonal(dim1=-2, dim2=-1).real, lower.real, lower.imag], dim=-1)

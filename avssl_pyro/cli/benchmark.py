@@ -146,6 +146,8 @@ def _localizing(options: BenchmarkOptions) -> dict[str, float]:
         for baseline in default_baselines(system.config.array, system.config.grid)
     }
     contenders["amortized, batch of 16"] = lambda: localizer.posteriors(clips)
+    refined = Localizer(system, refinement=system.refinement(tolerance=-1.0))
+    contenders["refined, batch of 16"] = lambda: refined.posteriors(clips)
     contenders["amortized, one by one"] = lambda: [localizer.posteriors([clip]) for clip in clips]
     return {name: ms / len(clips) for name, ms in _alternate(contenders, options.repeats // 2).items()}
 

@@ -1,14 +1,14 @@
 """The whole method in ten minutes: scenes, training without labels, evaluation, pictures."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 import tyro
 
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
-from avssl_pyro.cli.train import TrainOptions, train_with
+from avssl_pyro.cli.train import PRESETS, train_with
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TEST, default_dataset
 from avssl_pyro.inference.checkpoint import load_checkpoint
@@ -31,6 +31,8 @@ class DemoOptions:
     """Training scenes."""
     test_scenes: int = 200
     """Test scenes."""
+    validation_scenes: int = 100
+    """Scenes to tune thresholds on."""
     overlays: int = 6
     """Pictures to draw, of the first test scenes."""
     optimization: OptimizationConfig = field(default_factory=OptimizationConfig)
@@ -41,9 +43,23 @@ def main(args: Sequence[str] | None = None) -> None:
     options = tyro.cli(DemoOptions, args=args)
     checkpoint = options.out / CHECKPOINT_NAME
     train_with(
-        TrainOptions(out=options.out, cache=options.cache, scenes=options.scenes, optimization=options.optimization)
+        replace(
+            PRESETS["quick"],
+            out=options.out,
+            cache=options.cache,
+            scenes=options.scenes,
+            optimization=options.optimization,
+        )
     )
-    evaluate_with(EvaluateOptions(checkpoint, options.out, cache=options.cache, test_scenes=options.test_scenes))
+    evaluate_with(
+        EvaluateOptions(
+            checkpoint,
+            options.out,
+            cache=options.cache,
+            validation_scenes=options.validation_scenes,
+            test_scenes=options.test_scenes,
+        )
+    )
     system = load_checkpoint(checkpoint)
     test = default_dataset(options.cache, TEST, "some-silent", options.test_scenes, system.config.array)
     draw_overlays(system, test, options.overlays, options.out)
@@ -52,7 +68,7 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def draw_overlays(system: System, dataset: SceneDataset, number: int, folder: Path) -> None:
     """Draws the first ``number`` scenes of a data set with their true azimuths as ``overlay-*.png``."""
-    localizer = Localizer(system)
+    localizer = Localizer(system, refinement=system.refinement())
     grid = system.config.grid
     for index in range(min(number, len(dataset))):
         clip = dataset[index]

@@ -17,6 +17,7 @@ from avssl_pyro.evaluation.experiment import run_methods, score_runs
 from avssl_pyro.evaluation.methods import Method
 from avssl_pyro.evaluation.posterior_method import PosteriorMethod
 from avssl_pyro.evaluation.report import print_table, write_report
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localizer import Localizer
 
@@ -47,6 +48,8 @@ class EvaluateOptions:
     """Size of the default validation set."""
     test_scenes: int = 200
     """Size of the default test set."""
+    rounds: int = RefinementConfig.rounds
+    """Most rounds of closed-form ascent per clip, for the row refined."""
     jobs: int = -1
     """Processes for the baselines; -1 is one per core."""
     device: str = "cpu"
@@ -74,6 +77,9 @@ def evaluate_with(options: EvaluateOptions) -> None:
         PosteriorMethod("no-audio-net", no_audio.posteriors, grid),
         PosteriorMethod("amortized", amortized.posteriors, grid),
     ]
+    if system.config.guide.audio_net:
+        refined = Localizer(system, options.device, refinement=system.refinement(rounds=options.rounds))
+        methods.append(PosteriorMethod("refined", refined.posteriors, grid))
     scenes = partial(labelled_scenes, options, array)
     runs = run_methods(
         methods,

@@ -45,6 +45,8 @@ class LocalizeOptions:
     """Preset or YAML file of the array that recorded; by default, and at most, the checkpoint's."""
     overlay: Path | None = None
     """Picture to write; a folder in case of a manifest."""
+    refine: int = 0
+    """Rounds of closed-form ascent that fit the posterior to this clip; 40 is plenty, 0 is the networks' answer."""
     level_threshold: float = SourceThresholds.level
     """Least mixing level of a source."""
     peak_threshold: float = SourceThresholds.peak
@@ -70,7 +72,10 @@ def main(args: Sequence[str] | None = None) -> None:
     system = load_checkpoint(options.checkpoint)
     if options.array is not None:
         check_array(system, resolve_array(options.array), str(options.checkpoint))
-    localizer = Localizer(system, options.device)
+    if options.refine < 0:
+        raise InputError(f"--refine is {options.refine}; give a number of rounds, or 0 for none.")
+    refinement = system.refinement(rounds=options.refine) if options.refine else None
+    localizer = Localizer(system, options.device, refinement=refinement)
     thresholds = SourceThresholds(options.level_threshold, options.peak_threshold)
     lines = list(_results(inputs, options, localizer, thresholds))
     write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())

@@ -2,8 +2,9 @@
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +14,7 @@ from lightning_fabric import Fabric
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TRAIN, default_dataset
@@ -21,11 +23,12 @@ from avssl_pyro.inference.memory import keep_freed_memory
 from avssl_pyro.inference.reporting import read_log
 from avssl_pyro.inference.system import GuideConfig, ModelConfig, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO, RecordingTraceELBO
-from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, train
+from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, TrainingDivergedError, train
 from avssl_pyro.viz.curves import save_curves
 
 ESTIMATORS = {"mean-field": RecordingMeanFieldELBO, "trace": RecordingTraceELBO}
 RUN_NAME = "run.json"
+EXIT_DIVERGED = 1
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ class TrainOptions:
     """Pyro's ELBO estimator: TraceMeanField_ELBO (analytic KL) or Trace_ELBO."""
     model: ModelConfig = field(default_factory=ModelConfig)
     guide: GuideConfig = field(default_factory=GuideConfig)
+    stft: StftConfig = field(default_factory=StftConfig)
     optimization: OptimizationConfig = field(default_factory=OptimizationConfig)
     accelerator: str = "auto"
     """Lightning Fabric accelerator: auto, cpu, cuda, mps."""
@@ -66,9 +70,16 @@ class TrainOptions:
     """Precision of the networks; the likelihood is always computed in 32 bits or more."""
 
 
+# Half the frequencies, where speech is loud and the array not yet ambiguous, train twice as fast and localize no worse;
+# a class of its own for diffuse noise leaves the visual network's four to objects.
+_FAST = TrainOptions(
+    model=ModelConfig(num_sources=5),
+    guide=GuideConfig(diffuse_class=True),
+    stft=StftConfig(low_hz=200.0, high_hz=4000.0),
+)
 PRESETS: dict[str, TrainOptions] = {
-    "quick": TrainOptions(),
-    "two-cores": TrainOptions(preset="two-cores", scenes=8000, optimization=OptimizationConfig(epochs=12)),
+    "quick": _FAST,
+    "two-cores": replace(_FAST, preset="two-cores", scenes=8000, optimization=OptimizationConfig(epochs=8)),
     "paper": TrainOptions(
         preset="paper",
         scenes=20_000,
@@ -85,20 +96,24 @@ def parse(args: Sequence[str] | None = None) -> TrainOptions:
     return tyro.cli(TrainOptions, default=PRESETS.get(preset, PRESETS["quick"]), args=args)
 
 
-def main(args: Sequence[str] | None = None) -> None:
-    """Runs the command with ``args`` (by default those of the process).
+def main(args: Sequence[str] | None = None) -> int:
+    """Runs the command with ``args`` (by default those of the process) and returns its exit code.
 
     Raises:
         InputError, OSError, KeyboardInterrupt: told in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
-    train_with(parse(args))
+    try:
+        train_with(parse(args))
+    except TrainingDivergedError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_DIVERGED
+    return 0
 
 
 def train_with(options: TrainOptions) -> None:
     """Trains as the options say and draws the curves."""
     keep_freed_memory()
     array = resolve_array(options.array)
-    _claim_run(options, array)
     fabric = Fabric(
         accelerator=options.accelerator,
         devices=options.devices,
@@ -107,8 +122,9 @@ def train_with(options: TrainOptions) -> None:
     )
     fabric.launch()
     dataset = _dataset(options, array, progress=fabric.is_global_zero)
+    _claim_run(options, array)
     torch.manual_seed(options.optimization.seed)
-    system = build_system(SystemConfig(array, options.model, options.guide))
+    system = build_system(SystemConfig(array, options.model, options.guide, options.stft))
     try:
         train(system, dataset, options.optimization, options.out, fabric, ESTIMATORS[options.estimator]())
     finally:
@@ -137,6 +153,7 @@ def _claim_run(options: TrainOptions, array: MicrophoneArray) -> None:
         "precision": options.precision,
         "model": asdict(options.model),
         "guide": asdict(options.guide),
+        "stft": asdict(options.stft),
         "optimization": asdict(options.optimization),
     }
     settings = json.loads(json.dumps(settings))
@@ -146,7 +163,7 @@ def _claim_run(options: TrainOptions, array: MicrophoneArray) -> None:
             previous = json.loads(path.read_text(encoding="utf-8"))
         except ValueError as error:
             raise InputError(f"{path}: damaged ({error}); give another --out or delete the folder.") from error
-        for section in ("model", "guide", "optimization"):
+        for section in ("model", "guide", "stft", "optimization"):
             for name, value in settings[section].items():
                 _compare(path, f"{section}.{name}", previous.get(section, {}).get(name), value)
         for name in ("array", "data", "estimator", "precision"):

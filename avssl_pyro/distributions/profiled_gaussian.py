@@ -57,12 +57,13 @@ def quadratic_form(observed: ObservedSpectrogram, inverse_bkfmm: Tensor) -> Tens
     """x^H P x for every bin and source, (B..., F, K, T), by one real matrix product over the M^2 features."""
     coefficients_bfkc = form_coefficients(inverse_bkfmm).transpose(-3, -2)
     features_bfct = observed.features_bfct
-    particles = coefficients_bfkc.shape[: coefficients_bfkc.dim() - features_bfct.dim()]
+    # x may have more leading dimensions than H (many recordings, one model); they broadcast as they are.
+    particles = coefficients_bfkc.shape[: max(0, coefficients_bfkc.dim() - features_bfct.dim())]
     if particles:
         # Broadcasting the large features over particles would copy them; stack particles among the sources instead.
         p, (*b, f, k, c) = math.prod(particles), coefficients_bfkc.shape[len(particles) :]
         stacked = coefficients_bfkc.reshape(p, *b, f, k, c).movedim(0, -3).reshape(*b, f, p * k, c)
-        quad = (stacked @ features_bfct).reshape(*b, f, p, k, -1).movedim(-3, 0)
+        quad = (stacked @ features_bfct).unflatten(-2, (p, k)).movedim(-3, 0)
         return quad.reshape(*particles, *quad.shape[1:])
     return coefficients_bfkc @ features_bfct
 

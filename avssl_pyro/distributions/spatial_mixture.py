@@ -18,6 +18,10 @@ from avssl_pyro.distributions.profiled_gaussian import (
 # Least relative diffuse power that keeps a Cholesky factor of H in reach of each precision (M up to 16).
 LEAST_DIFFUSE = {torch.complex64: 1e-3, torch.complex128: 1e-9}
 
+# A sparse Dirichlet draws levels that underflow to the smallest normal number. Their logarithm must stay finite, and so
+# must its derivative 1 / pi summed over up to 1e7 time-frequency bins.
+LEAST_LEVEL_OVER_TINY = 1e8
+
 
 class SpatialMixture(TorchDistribution):
     """x_tf ~ sum_k pi_k N_C(0, lambda_tfk H_fk) with H_fk = sum_d w_kd a_fd a_fd^H + eps I (Eqs. 9, 10).
@@ -61,6 +65,9 @@ class SpatialMixture(TorchDistribution):
             raise ValueError(
                 f"w {tuple(w.shape)} must be (..., K, D = {d}) and pi {tuple(pi.shape)} (..., K) with the same K."
             )
+        psd_shape = (f, pi.shape[-1], num_frames)
+        if psd_bfkt is not None and psd_bfkt.shape[-3:] != psd_shape:
+            raise ValueError(f"psd_bfkt {tuple(psd_bfkt.shape)} must be (..., F, K, T) with (F, K, T) = {psd_shape}.")
         least = LEAST_DIFFUSE[template_dfmm.dtype]
         if not diffuse >= least:
             raise ValueError(f"diffuse = {diffuse} must be at least {least} in {template_dfmm.dtype}.")
@@ -70,7 +77,8 @@ class SpatialMixture(TorchDistribution):
         self.w = w
         self.pi = pi
         self.psd_bfkt = psd_bfkt
-        batch_shape = torch.broadcast_shapes(w.shape[:-2], pi.shape[:-1])
+        psd_batch = Size() if psd_bfkt is None else psd_bfkt.shape[:-3]
+        batch_shape = torch.broadcast_shapes(w.shape[:-2], pi.shape[:-1], psd_batch)
         super().__init__(batch_shape, Size((f, m, num_frames)), validate_args=validate_args)
 
     def expand(self, batch_shape: Any, _instance: Any = None) -> "SpatialMixture":
@@ -100,8 +108,7 @@ class SpatialMixture(TorchDistribution):
 
     def joint_log_prob(self, value: Tensor | ObservedSpectrogram) -> Tensor:
         """log p(x_tf, z_tf = k), (B..., F, K, T)."""
-        # A sparse Dirichlet draws levels that underflow; their logarithm must stay finite.
-        log_pi_bk = self.pi.clamp_min(torch.finfo(self.pi.dtype).tiny).log()
+        log_pi_bk = self.pi.clamp_min(LEAST_LEVEL_OVER_TINY * torch.finfo(self.pi.dtype).tiny).log()
         return log_pi_bk[..., None, :, None] + self.component_log_prob(value)
 
     def log_prob(self, value: Tensor | ObservedSpectrogram) -> Tensor:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import cattrs
+import cattrs.v
 from cattrs.errors import BaseValidationError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
@@ -35,11 +36,15 @@ def config_from_dict(data: Any, where: str) -> SystemConfig:
     """
     try:
         return _converter.structure(data, SystemConfig)
-    except (BaseValidationError, TypeError, ValueError) as error:
-        problems = "; ".join(cattrs.transform_error(error)) if isinstance(error, BaseValidationError) else str(error)
+    except (BaseValidationError, TypeError, ValueError, AttributeError) as error:
+        problems = "; ".join(cattrs.transform_error(error, format_exception=_problem))
         raise InputError(
             f"{where}: its configuration does not fit this version of the program ({problems})."
         ) from error
+
+
+def _problem(error: BaseException, expected: type | None) -> str:
+    return str(error).rstrip(".") if isinstance(error, InputError) else cattrs.v.format_exception(error, expected)
 
 
 def save_checkpoint(path: Path, system: System) -> None:
@@ -74,7 +79,11 @@ def load_checkpoint(path: Path) -> System:
     if metadata.get("format") != FORMAT:
         found = metadata.get("format", "no format")
         raise InputError(f"{path}: holds '{found}' where '{FORMAT}' is expected; give a checkpoint of this program.")
-    system = build_system(config_from_dict(json.loads(metadata["config"]), str(path)))
+    try:
+        config = json.loads(metadata.get("config", ""))
+    except json.JSONDecodeError as error:
+        raise InputError(f"{path}: its configuration is missing or damaged ({error}); take another copy.") from error
+    system = build_system(config_from_dict(config, str(path)))
     try:
         system.load_state_dict(state)
     except RuntimeError as error:

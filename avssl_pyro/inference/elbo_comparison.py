@@ -99,7 +99,7 @@ def sampled_agreement(
     """Trace_ELBO, which samples its KL terms, against the closed form at the same noise, over many draws."""
     estimator = RecordingTraceELBO()(system.model, system.guide)
     losses = torch.empty(2, draws, dtype=torch.float64)
-    with torch.no_grad():
+    with torch.no_grad(), pyro.settings.context(module_local_params=True):
         for draw in range(draws):
             torch.manual_seed(seed + draw)
             losses[0, draw] = estimator(x_bfmt, image_bcij)
@@ -126,7 +126,9 @@ def _closed_form(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> ClosedFo
 def _evaluate(system: System, seed: int, loss: Callable[[], Tensor]) -> tuple[Tensor, dict[str, Tensor]]:
     system.guide.zero_grad()
     torch.manual_seed(seed)
-    value = loss()
+    # Else Pyro's global store would keep these parameters, and a later SVI on another guide would train them instead.
+    with pyro.settings.context(module_local_params=True):
+        value = loss()
     value.backward()
     gradient = {
         name: parameter.grad.clone()

@@ -1,6 +1,7 @@
 """From the posterior of one clip to a list of sources: where, how loud, how sure."""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -54,7 +55,7 @@ class LocalizedSource:
         azimuth_std: posterior standard deviation of the azimuth.
         level: mixing level, the share of time-frequency bins the source dominates.
         level_std: posterior standard deviation of the level.
-        source_class: index k of the source class (the loudest of those merged).
+        source_class: index k of the source class; where two were merged, the louder one's.
     """
 
     azimuth: float
@@ -77,7 +78,7 @@ def select_sources(
     posterior: ScenePosterior, grid: DirectionGrid, thresholds: SourceThresholds
 ) -> tuple[LocalizedSource, ...]:
     """The sounding objects of a clip, loudest first (the paper's Sec. III-B.3, with close classes merged)."""
-    candidates = [
+    sources = [
         LocalizedSource(
             azimuth=peak_azimuth(weights_d, grid),
             azimuth_std=float(posterior.azimuth_std_k[k]),
@@ -88,16 +89,21 @@ def select_sources(
         for k, weights_d in enumerate(posterior.direction_weights_kd)
         if posterior.mixing_levels_k[k] >= thresholds.level and weights_d.max() >= thresholds.peak
     ]
-    candidates.sort(key=lambda source: -source.level)
-    sources: list[LocalizedSource] = []
-    for candidate in candidates:
-        for index, source in enumerate(sources):
-            if abs(float(wrap_angle(candidate.azimuth - source.azimuth))) < np.deg2rad(thresholds.merge_deg):
-                sources[index] = _merge(source, candidate)
-                break
-        else:
-            sources.append(candidate)
+    # Merging moves an object, perhaps close to another; so the closest pair goes first, until none is left.
+    while pair := _closest_pair(sources, np.deg2rad(thresholds.merge_deg)):
+        sources = [source for source in sources if source not in pair]
+        sources.append(_merge(*sorted(pair, key=lambda source: -source.level)))
     return tuple(sorted(sources, key=lambda source: -source.level))
+
+
+def _closest_pair(sources: list[LocalizedSource], within: float) -> tuple[LocalizedSource, LocalizedSource] | None:
+    """The two sources at the smallest angle, if that is less than ``within`` (radians)."""
+
+    def angle(pair: tuple[LocalizedSource, LocalizedSource]) -> float:
+        return abs(float(wrap_angle(pair[0].azimuth - pair[1].azimuth)))
+
+    pair = min(combinations(sources, 2), key=angle, default=None)
+    return pair if pair is not None and angle(pair) < within else None
 
 
 def _merge(louder: LocalizedSource, other: LocalizedSource) -> LocalizedSource:

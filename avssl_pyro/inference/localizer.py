@@ -11,7 +11,10 @@ from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.data.batch import collate_clips
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.amortized import GuideParameters
+from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.inference.localization import ScenePosterior
 from avssl_pyro.inference.system import System
 
@@ -21,19 +24,34 @@ DIRECTION_DRAWS = 64
 class Localizer:
     """A system ready to localize.
 
+    Raises:
+        InputError: refinement is asked of a system without an audio network.
+
     Args:
         system: model and guide; the guide is put into evaluation mode.
         device: where to compute.
         uniform_levels: ignore the audio network and give every class the level 1/K ("w/o Aud").
+        refinement: refine every clip's posterior so; by default the networks' answer is final.
         seed: of the draws behind the posterior spread of directions.
     """
 
     def __init__(
-        self, system: System, device: torch.device | str = "cpu", uniform_levels: bool = False, seed: int = 0
+        self,
+        system: System,
+        device: torch.device | str = "cpu",
+        *,
+        uniform_levels: bool = False,
+        refinement: RefinementConfig | None = None,
+        seed: int = 0,
     ) -> None:
         self.config = system.config
         self.device = torch.device(device)
-        self.guide = system.guide.to(self.device).eval()
+        guide: AmortizedGuide | UniformLevelGuide | RefinedGuide = system.guide
+        if refinement is not None:
+            if not isinstance(system.guide, AmortizedGuide):
+                raise InputError("refinement starts at mixing levels; give a checkpoint with an audio network.")
+            guide = RefinedGuide(system.guide, system.config.steering(), refinement)
+        self.guide = guide.to(self.device).eval()
         self.uniform_levels = uniform_levels
         self.seed = seed
 
@@ -85,7 +103,7 @@ class Localizer:
         mu_bkd = parameters.mu_bkd.cpu()
         generator = torch.Generator().manual_seed(self.seed)
         noise = torch.randn(DIRECTION_DRAWS, *mu_bkd.shape[1:], generator=generator, dtype=mu_bkd.dtype)
-        drawn_sbk = (mu_bkd + parameters.sigma_k.cpu()[:, None] * noise[:, None]).argmax(-1)
+        drawn_sbk = (mu_bkd + parameters.sigma_bkd.cpu() * noise[:, None]).argmax(-1)
         azimuths_d = self.config.grid.azimuths
         offset_sbk = wrap_angle(azimuths_d[drawn_sbk.numpy()] - azimuths_d[mu_bkd.argmax(-1).numpy()])
         variance_bk = np.mean(offset_sbk**2, axis=0) + self.config.grid.spacing**2 / 12

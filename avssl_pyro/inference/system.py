@@ -1,6 +1,8 @@
 """A whole system by its configuration: array, networks, model and guide."""
 
+import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import pyro.settings
 import torch
@@ -10,7 +12,10 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
+from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
@@ -36,6 +41,14 @@ class ModelConfig:
     sigma: float = 1.0
     diffuse: float = 0.1
 
+    def __post_init__(self) -> None:
+        for name in ("num_sources", "num_directions"):
+            _require(self, name, getattr(self, name) >= 1, "at least 1")
+        for name in ("alpha", "sigma"):
+            _require(self, name, 0 < getattr(self, name) < math.inf, "positive")
+        least = LEAST_DIFFUSE[torch.complex64]
+        _require(self, "diffuse", least <= self.diffuse < math.inf, f"at least {least:g}")
+
 
 @dataclass(frozen=True)
 class GuideConfig:
@@ -50,6 +63,7 @@ class GuideConfig:
         position_channels: show the visual network each pixel's azimuth.
         initial_sigma: sigma_k before training.
         initial_beta: beta before training.
+        diffuse_class: keep one of the source classes for diffuse noise, its direction weights all alike.
     """
 
     audio_net: bool = True
@@ -60,6 +74,20 @@ class GuideConfig:
     position_channels: bool = True
     initial_sigma: float = 0.3
     initial_beta: float = 100.0
+    diffuse_class: bool = False
+
+    def __post_init__(self) -> None:
+        widths = self.visual_channels
+        _require(self, "visual_channels", bool(widths) and min(widths) >= 1, "one or more widths of at least 1")
+        _require(self, "audio_channels", self.audio_channels >= 1, "at least 1")
+        _require(self, "dropout", 0 <= self.dropout < 1, "at least 0 and below 1")
+        for name in ("initial_sigma", "initial_beta"):
+            _require(self, name, 0 < getattr(self, name) < math.inf, "positive")
+
+
+def _require(config: ModelConfig | GuideConfig, name: str, fulfilled: bool, what: str) -> None:
+    if not fulfilled:
+        raise InputError(f"{type(config).__name__}: {name} is {getattr(config, name)}; it must be {what}.")
 
 
 @dataclass(frozen=True)
@@ -70,6 +98,10 @@ class SystemConfig:
     model: ModelConfig = field(default_factory=ModelConfig)
     guide: GuideConfig = field(default_factory=GuideConfig)
     stft: StftConfig = field(default_factory=StftConfig)
+
+    def __post_init__(self) -> None:
+        if self.guide.diffuse_class and self.model.num_sources < 2:
+            raise InputError("one source class alone cannot be kept for diffuse noise; give num_sources of at least 2.")
 
     @property
     def grid(self) -> DirectionGrid:
@@ -87,6 +119,13 @@ class System:
     config: SystemConfig
     model: SpatialCGMM
     guide: AmortizedGuide | UniformLevelGuide
+
+    def refinement(self, **changes: Any) -> RefinementConfig:
+        """A refinement under this system's own priors."""
+        sizes = self.config.model
+        return RefinementConfig(
+            **{"prior_sigma": sizes.sigma, "alpha": sizes.alpha, "diffuse": sizes.diffuse} | changes
+        )
 
     def state_dict(self) -> dict[str, Tensor]:
         """Weights of model and guide, prefixed ``model.`` and ``guide.``."""
@@ -125,7 +164,7 @@ def build_system(config: SystemConfig, dtype: torch.dtype = torch.float32) -> Sy
             diffuse=sizes.diffuse,
         )
         visual = VisualNet(
-            sizes.num_sources,
+            sizes.num_sources - options.diffuse_class,
             sizes.num_directions,
             options.visual_channels,
             options.dropout,
@@ -135,8 +174,8 @@ def build_system(config: SystemConfig, dtype: torch.dtype = torch.float32) -> Sy
         if options.audio_net:
             audio = AudioNet(steering_fdm, options.audio_channels, dropout=options.dropout)
             guide: AmortizedGuide | UniformLevelGuide = AmortizedGuide(
-                visual, audio, options.initial_sigma, options.initial_beta
+                visual, audio, options.initial_sigma, options.initial_beta, options.diffuse_class
             )
         else:
-            guide = UniformLevelGuide(visual, options.initial_sigma)
+            guide = UniformLevelGuide(visual, options.initial_sigma, options.diffuse_class)
         return System(config, model.to(dtype), guide.to(dtype))

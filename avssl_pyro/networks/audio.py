@@ -39,9 +39,8 @@ class AudioNet(nn.Module):
         direction_dilations: dilations of the convolutions before directions are combined.
         source_dilations: dilations of the convolutions after.
         dropout: probability in every block.
-        first_bin, bin_step: which STFT bins are listened to; every second one from 125 Hz to 6 kHz holds what speech
-            tells about directions at a third of the cost.
-        num_bins: how many of them.
+        most_bins: of the frequencies given, every n-th is listened to, so that there are at most so many; that keeps
+            what speech tells about directions at a fraction of the cost.
         frame_step: every how many frames are listened to.
     """
 
@@ -52,13 +51,11 @@ class AudioNet(nn.Module):
         direction_dilations: Sequence[int] = (1,),
         source_dilations: Sequence[int] = (1, 2, 4),
         dropout: float = 0.1,
-        first_bin: int = 4,
-        bin_step: int = 2,
-        num_bins: int = 96,
+        most_bins: int = 96,
         frame_step: int = 3,
     ) -> None:
         super().__init__()
-        self.bins = slice(first_bin, min(first_bin + bin_step * num_bins, steering_fdm.shape[0]), bin_step)
+        self.bins = slice(None, None, -(-steering_fdm.shape[0] // most_bins))
         self.frame_step = frame_step
         beamformer_fdm = steering_fdm[self.bins].conj() / steering_fdm.shape[-1]
         # Real and imaginary part of a^H x as one real product with [Re x; Im x]: (F', 2D, 2M).

@@ -18,7 +18,7 @@ class _WrapAzimuth(torch.autograd.Function):
     @staticmethod
     def backward(_ctx: Any, *grads: Tensor) -> Tensor:
         (grad,) = grads
-        inner = grad[..., 1:-1].contiguous()
+        inner = grad[..., 1:-1].clone(memory_format=torch.contiguous_format)
         inner[..., -1] += grad[..., 0]
         inner[..., 0] += grad[..., -1]
         return inner

@@ -1,0 +1,123 @@
+"""The semi-amortised guide: the networks' posterior of a clip, refined on that clip alone.
+
+A single forward pass knows what such pictures and recordings have in common; a few rounds of closed-form ascent from
+there fit the one at hand. The networks give the start and, if wanted, a prior that keeps the picture in.
+"""
+
+from dataclasses import dataclass
+
+import pyro
+import pyro.distributions as dist
+import torch
+import torch.nn.functional as F
+from pyro.nn import PyroModule
+from torch import Tensor
+
+from avssl_pyro.acoustics.covariance import template_covariances
+from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent, MixturePoint
+from avssl_pyro.distributions.profiled_gaussian import observe
+from avssl_pyro.guides.amortized import LEAST_CONCENTRATION, AmortizedGuide
+from avssl_pyro.guides.directions import GuideParameters
+
+# Twice the closed-form step, until it overshoots for the first time.
+OVERRELAXATION = 2.0
+
+
+@dataclass(frozen=True)
+class RefinementConfig:
+    """How far and on what a posterior is refined.
+
+    Args:
+        rounds: most rounds of ascent.
+        tolerance: a clip has arrived when its log-likelihood per time-frequency bin rises by less in a round.
+        prior_sigma: of log w about its prior mean, sigma_0 of the model.
+        image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu); with two
+            microphones audio alone is ambiguous, and the picture must stay in.
+        alpha: concentration of the Dirichlet prior of mixing levels.
+        diffuse: eps of the model.
+        extra_classes: source classes added to those of the networks; they start looking everywhere alike.
+        bin_step, frame_step: every how many frequencies and frames are used; neighbours tell nearly the same, and a
+            quarter of the bins takes a quarter of the time.
+    """
+
+    rounds: int = 40
+    tolerance: float = 1e-4
+    prior_sigma: float = 1.0
+    image_weight: float = 0.0
+    alpha: float = 0.01
+    diffuse: float = 0.1
+    extra_classes: int = 0
+    bin_step: int = 2
+    frame_step: int = 2
+
+
+class RefinedGuide(PyroModule):
+    """q(w) = LogNormal(mu, sigma^2) and q(pi) = Dir(counts), each clip with parameters of its own.
+
+    Args:
+        start: the trained guide; it is not changed.
+        steering_fdm: steering vectors of the spectrogram's frequencies, complex (F, D, M).
+        config: how far to go.
+    """
+
+    def __init__(self, start: AmortizedGuide, steering_fdm: Tensor, config: RefinementConfig) -> None:
+        super().__init__()
+        self.start = start
+        self.config = config
+        template_dfmm = template_covariances(steering_fdm[:: config.bin_step])
+        self.template_pairs: Tensor
+        self.register_buffer("template_pairs", torch.view_as_real(template_dfmm), persistent=False)
+
+    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
+        parameters = self.parameters_of(x_bfmt, image_bcij)
+        with pyro.plate("clip", x_bfmt.shape[0], dim=-1):
+            pyro.sample("direction_weights", dist.LogNormal(parameters.mu_bkd, parameters.sigma_bkd).to_event(2))
+            pyro.sample("mixing_levels", dist.Dirichlet(parameters.concentration_bk))
+
+    @torch.no_grad()
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
+        """The refined posterior's parameters."""
+        config = self.config
+        start = self._with_extra_classes(self.start.parameters_of(x_bfmt, image_bcij))
+        template_dfmm = torch.view_as_complex(self.template_pairs)
+        prior = LogWeightPrior(config.image_weight * start.mu_bkd, start.mu_bkd.new_tensor(config.prior_sigma**-2))
+        observed = observe(x_bfmt[:, :: config.bin_step, :, :: config.frame_step])
+        ascent = MixtureAscent(observed, template_dfmm, config.diffuse, prior, config.alpha)
+        pi_bk = start.concentration_bk / start.concentration_bk.sum(-1, keepdim=True)
+        point = self._climb(ascent, start.mu_bkd, pi_bk)
+        # Left-out bins would have counted as well.
+        kept = config.bin_step * config.frame_step
+        return GuideParameters(
+            mu_bkd=point.log_w_bkd,
+            sigma_bkd=(kept * point.precision_bkd).rsqrt(),
+            concentration_bk=(kept * point.counts_bk).clamp_min(LEAST_CONCENTRATION),
+            activation_bkij=start.activation_bkij,
+        )
+
+    def _climb(self, ascent: MixtureAscent, log_w_bkd: Tensor, pi_bk: Tensor) -> MixturePoint:
+        point = ascent.step(log_w_bkd, pi_bk)
+        climbing_b = torch.ones_like(point.log_likelihood_b, dtype=torch.bool)
+        stretch_b = torch.full_like(point.log_likelihood_b, OVERRELAXATION)
+        for _ in range(self.config.rounds - 1):
+            above = ascent.step(point.log_w_bkd, point.pi_bk, stretch_b)
+            gain_b = (above.log_likelihood_b - point.log_likelihood_b) / point.counts_bk.sum(-1)
+            # A clip that has arrived stays there, so that its result does not depend on its batch.
+            point = point.choose(climbing_b, above)
+            # One that fell was stretched too far, and has not arrived.
+            climbing_b = climbing_b & ((gain_b > self.config.tolerance) | (gain_b < 0) & (stretch_b > 1))
+            stretch_b = torch.where(gain_b < 0, 1.0, stretch_b)
+            if not climbing_b.any():
+                break
+        return point
+
+    def _with_extra_classes(self, start: GuideParameters) -> GuideParameters:
+        extra = self.config.extra_classes
+        if not extra:
+            return start
+        mean_b1 = start.concentration_bk.mean(-1, keepdim=True)
+        return GuideParameters(
+            mu_bkd=F.pad(start.mu_bkd, (0, 0, 0, extra)),
+            sigma_bkd=F.pad(start.sigma_bkd, (0, 0, 0, extra), value=1.0),
+            concentration_bk=torch.cat([start.concentration_bk, mean_b1.expand(-1, extra)], dim=-1),
+            activation_bkij=F.pad(start.activation_bkij, (0, 0, 0, 0, 0, extra)),
+        )

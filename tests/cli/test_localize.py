@@ -1,0 +1,262 @@
+"""localize.py: its result, its picture, and one sentence for everything that can be wrong with the input."""
+
+import errno
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import soundfile
+import torch
+from scipy.signal import resample_poly
+
+from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.cli.command import run
+from avssl_pyro.cli.localize import main
+from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.inference.checkpoint import save_checkpoint
+from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
+
+ARRAY = PRESETS["circle4"]
+
+
+@pytest.fixture(scope="module")
+def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    torch.manual_seed(0)
+    path = tmp_path_factory.mktemp("checkpoint") / "small.safetensors"
+    save_checkpoint(
+        path, build_system(SystemConfig(ARRAY, guide=GuideConfig(visual_channels=(4, 8), audio_channels=8)))
+    )
+    return path
+
+
+@pytest.fixture
+def clip(scene_folder: Path, tmp_path: Path) -> tuple[Path, Path]:
+    """An image and a recording as a user has them."""
+    scene = SceneDataset(scene_folder, ARRAY)[0]
+    image, audio = tmp_path / "pano.png", tmp_path / "clip.wav"
+    cv2.imwrite(str(image), cv2.cvtColor(scene.image_ijc, cv2.COLOR_RGB2BGR))
+    soundfile.write(audio, scene.audio_mn.T, 16_000, subtype="FLOAT")
+    return image, audio
+
+
+def arguments(checkpoint: Path, image: Path, audio: Path, out: Path, *more: str) -> list[str]:
+    files = ["--checkpoint", str(checkpoint), "--image", str(image), "--audio", str(audio), "--out", str(out)]
+    return [*files, *more]
+
+
+def test_the_result_is_documented_and_the_overlay_a_picture(
+    checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
+) -> None:
+    out, overlay = tmp_path / "result.json", tmp_path / "overlay.png"
+    main(arguments(checkpoint, *clip, out, "--overlay", str(overlay), "--peak-threshold", "0", "--array", "circle4"))
+    result = json.loads(out.read_text())
+    assert result["format"] == "avssl-result/1"
+    assert np.array(result["direction_weights"]).shape == (4, 72)
+    assert np.array(result["direction_weights"]).sum(1) == pytest.approx(1, abs=1e-3)
+    assert sum(result["mixing_levels"]) == pytest.approx(1, abs=1e-4)
+    assert result["directions_deg"][:2] == [177.5, 172.5]
+    assert result["sources"]
+    for source in result["sources"]:
+        assert -180 <= source["azimuth_deg"] < 180
+        assert source["azimuth_std_deg"] > 0
+        assert 0 <= source["level"] <= 1
+        assert source["level_std"] >= 0
+    picture = cv2.imread(str(overlay))
+    assert picture is not None
+    assert picture.shape[1] >= 1152
+
+
+def test_another_rate_and_a_full_sphere_give_the_same_sources(
+    checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
+) -> None:
+    image, audio = clip
+    samples, _ = soundfile.read(audio)
+    resampled, sphere = tmp_path / "clip48.flac", tmp_path / "sphere.png"
+    soundfile.write(resampled, np.clip(resample_poly(samples, 3, 1, axis=0), -1, 1), 48_000, subtype="PCM_24")
+    small_ijc = cv2.imread(str(image))
+    # Rows -90..90 degrees: the clip's picture fills the middle 110 of 180 degrees.
+    full_ijc = np.zeros((288, 576, 3), np.uint8)
+    full_ijc[56:232] = cv2.resize(small_ijc, (576, 176), interpolation=cv2.INTER_NEAREST)
+    cv2.imwrite(str(sphere), full_ijc)
+    levels = []
+    for number, (one_image, one_audio) in enumerate(((image, audio), (sphere, resampled))):
+        out = tmp_path / f"{number}.json"
+        main(arguments(checkpoint, one_image, one_audio, out))
+        levels.append(json.loads(out.read_text()))
+    assert levels[0]["mixing_levels"] == pytest.approx(levels[1]["mixing_levels"], abs=0.02)
+    assert np.array(levels[0]["direction_weights"]) == pytest.approx(np.array(levels[1]["direction_weights"]), abs=1e-3)
+
+
+def test_a_manifest_gives_one_line_per_clip(checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path) -> None:
+    image, audio = clip
+    manifest, out = tmp_path / "clips.csv", tmp_path / "results.jsonl"
+    manifest.write_text(f"audio,image\n{audio.name},{image.name}\n{audio.name},{image.name}\n")
+    overlays = tmp_path / "overlays"
+    options = ["--checkpoint", str(checkpoint), "--manifest", str(manifest), "--out", str(out)]
+    main([*options, "--overlay", str(overlays)])
+    lines = [json.loads(line) for line in out.read_text().splitlines()]
+    assert len(lines) == 2
+    assert lines[0]["mixing_levels"] == lines[1]["mixing_levels"]
+    assert len(list(overlays.glob("*.png"))) == 2
+
+
+def three_channels(image: Path, audio: Path) -> list[str]:
+    samples, rate = soundfile.read(audio)
+    soundfile.write(audio, samples[:, :3], rate)
+    return []
+
+
+def no_samples(image: Path, audio: Path) -> list[str]:
+    soundfile.write(audio, np.zeros((0, 4)), 16_000)
+    return []
+
+
+def nan_samples(image: Path, audio: Path) -> list[str]:
+    samples, rate = soundfile.read(audio)
+    samples[123, 2] = np.nan
+    soundfile.write(audio, samples, rate, subtype="FLOAT")
+    return []
+
+
+def portrait(image: Path, audio: Path) -> list[str]:
+    cv2.imwrite(str(image), np.zeros((640, 480, 3), np.uint8))
+    return []
+
+
+def missing_image(image: Path, audio: Path) -> list[str]:
+    image.unlink()
+    return []
+
+
+def missing_audio(image: Path, audio: Path) -> list[str]:
+    audio.unlink()
+    return []
+
+
+def text_as_audio(image: Path, audio: Path) -> list[str]:
+    audio.write_text("not a recording")
+    return []
+
+
+def text_as_image(image: Path, audio: Path) -> list[str]:
+    image.write_text("not a picture")
+    return []
+
+
+def too_long(image: Path, audio: Path) -> list[str]:
+    soundfile.write(audio, np.zeros((16_000 * 11, 4)), 16_000)
+    return []
+
+
+def broken_yaml(image: Path, audio: Path) -> list[str]:
+    path = image.with_name("array.yaml")
+    path.write_text("positions_m: [[0, 0, 0], [0.1, 0\n")
+    return ["--array", str(path)]
+
+
+def other_count(image: Path, audio: Path) -> list[str]:
+    return ["--array", "circle6"]
+
+
+def other_places(image: Path, audio: Path) -> list[str]:
+    return ["--array", "respeaker4"]
+
+
+def unknown_array(image: Path, audio: Path) -> list[str]:
+    return ["--array", "circle5"]
+
+
+@pytest.mark.parametrize(
+    ("breakage", "says"),
+    [
+        (three_channels, "clip.wav: 3 channel(s), but array 'circle4' has 4 microphones"),
+        (no_samples, "clip.wav: 0 samples (0 ms); a clip needs at least 100 ms"),
+        (nan_samples, "clip.wav: sample 123 of channel 3 is not a finite number"),
+        (portrait, "pano.png: 480 x 640 pixels; a 360-degree image is twice as wide as high"),
+        (missing_image, "pano.png: no such image file"),
+        (missing_audio, "clip.wav: no such audio file"),
+        (text_as_audio, "clip.wav: cannot be read as audio"),
+        (text_as_image, "pano.png: cannot be read as an image"),
+        (too_long, "clip.wav: 11.0 s long; a clip may last up to 10 s"),
+        (broken_yaml, "array.yaml: not valid YAML"),
+        (other_count, "trained for array 'circle4' with 4 microphones, but 'circle6' has 6"),
+        (other_places, "trained for array 'circle4', whose microphone"),
+        (unknown_array, "array 'circle5' is neither a preset"),
+    ],
+)
+def test_bad_input_gets_one_sentence_and_leaves_nothing(
+    breakage: Callable[[Path, Path], list[str]],
+    says: str,
+    checkpoint: Path,
+    clip: tuple[Path, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    more = breakage(*clip)
+    before = set(tmp_path.iterdir())
+    overlay = tmp_path / "overlay.png"
+    with pytest.raises(SystemExit) as exit_info:
+        run(lambda: main(arguments(checkpoint, *clip, tmp_path / "out.json", "--overlay", str(overlay), *more)))
+    assert exit_info.value.code == 2
+    message = capsys.readouterr().err
+    assert says in message
+    assert message.count("\n") == 1
+    assert set(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("audio\nclip.wav\n", "column 'image' is missing"),
+        ("audio,image\n", "holds no clip"),
+        ("audio,image\nclip.wav,\n", "line 2: column 'image' is empty"),
+        ("audio,image\nclip.wav,gone.png\n", "gone.png: no such image file"),
+    ],
+)
+def test_a_bad_manifest_is_told_with_its_line(
+    content: str,
+    says: str,
+    checkpoint: Path,
+    clip: tuple[Path, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    manifest, out = tmp_path / "clips.csv", tmp_path / "out.jsonl"
+    manifest.write_text(content)
+    with pytest.raises(SystemExit) as exit_info:
+        run(lambda: main(["--checkpoint", str(checkpoint), "--manifest", str(manifest), "--out", str(out)]))
+    assert exit_info.value.code == 2
+    assert says in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_missing_checkpoint_is_told(
+    clip: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        run(lambda: main(arguments(tmp_path / "none.safetensors", *clip, tmp_path / "out.json")))
+    assert exit_info.value.code == 2
+    assert "none.safetensors: no such checkpoint" in capsys.readouterr().err
+
+
+def test_a_full_disk_leaves_nothing_half_written(
+    checkpoint: Path,
+    clip: tuple[Path, Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def no_space(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    before = set(tmp_path.iterdir())
+    monkeypatch.setattr("avssl_pyro.atomic_file.os.fsync", no_space)
+    with pytest.raises(SystemExit) as exit_info:
+        run(lambda: main(arguments(checkpoint, *clip, tmp_path / "out.json")))
+    assert exit_info.value.code == 2
+    assert "out.json: no space is left on the disk" in capsys.readouterr().err
+    assert set(tmp_path.iterdir()) == before

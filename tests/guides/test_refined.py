@@ -1,0 +1,110 @@
+"""The refined guide: it climbs the ELBO it starts on, clip by clip, and stays within the public sites."""
+
+from dataclasses import replace
+
+import numpy as np
+import pyro
+import pytest
+import torch
+from pyro.infer import Trace_ELBO
+from torch import Tensor
+
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.acoustics.steering import FreeField
+from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+from avssl_pyro.networks.audio import AudioNet
+from avssl_pyro.networks.visual import VisualNet
+
+B, D, K, T = 3, 24, 3, 40
+FREQUENCIES = np.linspace(250.0, 4000.0, 16)
+STEERING_FDM = FreeField(PRESETS["circle4"])(DirectionGrid(D), FREQUENCIES).to(torch.complex64)
+WHOLE = RefinementConfig(bin_step=1, frame_step=1)
+TRUE_DIRECTIONS = (3, 14)
+
+
+@pytest.fixture
+def start() -> AmortizedGuide:
+    torch.manual_seed(0)
+    guide = AmortizedGuide(VisualNet(K, D, channels=(4, 4)), AudioNet(STEERING_FDM, channels=4))
+    return guide.eval()
+
+
+@pytest.fixture
+def data() -> tuple[Tensor, Tensor]:
+    """Two talkers who take turns in time and frequency, in noise."""
+    torch.manual_seed(1)
+    active = (torch.rand(B, len(FREQUENCIES), 1, T) < 0.5).float()
+    signal = torch.randn(2, B, len(FREQUENCIES), 1, T, dtype=torch.complex64)
+    first, second = (STEERING_FDM[:, d, :, None] for d in TRUE_DIRECTIONS)
+    noise = 0.1 * torch.randn(B, len(FREQUENCIES), 4, T, dtype=torch.complex64)
+    return first * active * signal[0] + second * (1 - active) * signal[1] + noise, torch.rand(B, 3, 32, 48)
+
+
+def mean_loss(guide: torch.nn.Module, data: tuple[Tensor, Tensor]) -> float:
+    model = SpatialCGMM(STEERING_FDM, num_sources=K)
+    torch.manual_seed(0)
+    with torch.no_grad():
+        return Trace_ELBO(num_particles=20, vectorize_particles=True, max_plate_nesting=1)(model, guide)(*data).item()
+
+
+def test_every_few_rounds_raise_the_elbo(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
+    guides = [RefinedGuide(start, STEERING_FDM, replace(WHOLE, rounds=rounds)) for rounds in (2, 6, 40)]
+    losses = [mean_loss(guide, data) for guide in (start, *guides)]
+    assert losses == sorted(losses, reverse=True)
+    assert losses[0] - losses[-1] > 1000
+
+
+def test_it_finds_both_talkers(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
+    parameters = RefinedGuide(start, STEERING_FDM, replace(WHOLE, rounds=60)).parameters_of(*data)
+    level_bk = parameters.concentration_bk / parameters.concentration_bk.sum(-1, keepdim=True)
+    for b in range(B):
+        loud = level_bk[b].topk(2).indices
+        found = sorted(parameters.mu_bkd[b, loud].argmax(-1).tolist())
+        assert found == pytest.approx(TRUE_DIRECTIONS, abs=1)
+
+
+def test_sites_and_shapes_are_those_of_every_guide(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
+    trace = pyro.poutine.trace(RefinedGuide(start, STEERING_FDM, WHOLE)).get_trace(*data)
+    assert trace.nodes["direction_weights"]["value"].shape == (B, K, D)
+    assert trace.nodes["mixing_levels"]["value"].shape == (B, K)
+    assert {name for name in trace.stochastic_nodes if name != "clip"} == {"direction_weights", "mixing_levels"}
+
+
+def test_a_clip_does_not_depend_on_its_batch(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
+    x_bfmt, image_bcij = data
+    guide = RefinedGuide(start, STEERING_FDM, replace(WHOLE, tolerance=1e-3))
+    together = guide.parameters_of(x_bfmt, image_bcij)
+    for b in range(B):
+        alone = guide.parameters_of(x_bfmt[b : b + 1], image_bcij[b : b + 1])
+        torch.testing.assert_close(alone.mu_bkd[0], together.mu_bkd[b], rtol=1e-3, atol=1e-3)
+        torch.testing.assert_close(alone.concentration_bk[0], together.concentration_bk[b], rtol=1e-3, atol=1e-2)
+
+
+def test_more_classes_than_the_networks_have(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
+    parameters = RefinedGuide(start, STEERING_FDM, replace(WHOLE, extra_classes=2)).parameters_of(*data)
+    assert parameters.mu_bkd.shape == (B, K + 2, D)
+    assert parameters.concentration_bk.shape == (B, K + 2)
+    assert parameters.activation_bkij.shape[1] == K + 2
+    assert torch.isfinite(parameters.mu_bkd).all()
+
+
+def test_the_picture_pulls_as_hard_as_told(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
+    mu_bkd = start.parameters_of(*data).mu_bkd
+    distances = []
+    for image_weight, prior_sigma in ((0.0, 1.0), (1.0, 1.0), (1.0, 0.01)):
+        config = replace(WHOLE, image_weight=image_weight, prior_sigma=prior_sigma)
+        refined_bkd = RefinedGuide(start, STEERING_FDM, config).parameters_of(*data).mu_bkd
+        # Only differences between directions matter.
+        offset_bkd = refined_bkd - mu_bkd
+        distances.append((offset_bkd - offset_bkd.mean(-1, keepdim=True)).square().mean().item())
+    assert distances[2] < distances[1] < distances[0]
+    assert distances[2] < 0.05
+
+
+def test_silence_stays_finite(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
+    parameters = RefinedGuide(start, STEERING_FDM, WHOLE).parameters_of(torch.zeros_like(data[0]), data[1])
+    for value in parameters:
+        assert torch.isfinite(value).all()

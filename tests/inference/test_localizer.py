@@ -1,0 +1,123 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.data.clip import Clip
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.localization import ScenePosterior
+from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+
+K, D = 3, 36
+CONFIG = SystemConfig(
+    PRESETS["circle4"],
+    model=ModelConfig(num_sources=K, num_directions=D),
+    guide=GuideConfig(visual_channels=(4, 6), audio_channels=4),
+    stft=StftConfig(window=64, hop=80),
+)
+
+
+def make_system(initial_sigma: float = 0.3, audio_net: bool = True) -> System:
+    torch.manual_seed(0)
+    guide = replace(CONFIG.guide, initial_sigma=initial_sigma, audio_net=audio_net)
+    return build_system(replace(CONFIG, guide=guide))
+
+
+def clips(number: int, microphones: int = 4) -> list[Clip]:
+    random = np.random.default_rng(0)
+    return [
+        Clip(
+            f"clip{index}",
+            random.uniform(-1, 1, (microphones, 1600)).astype(np.float32),
+            random.integers(0, 256, (88, 288, 3)).astype(np.uint8),
+        )
+        for index in range(number)
+    ]
+
+
+def assert_same(first: ScenePosterior, second: ScenePosterior) -> None:
+    for name in ("direction_weights_kd", "mixing_levels_k", "level_std_k", "azimuth_std_k", "activations_kij"):
+        np.testing.assert_allclose(getattr(first, name), getattr(second, name), rtol=1e-3, atol=1e-5, err_msg=name)
+
+
+def test_posterior_is_complete() -> None:
+    (posterior,) = Localizer(make_system()).posteriors(clips(1))
+    assert posterior.direction_weights_kd.shape == (K, D)
+    assert posterior.direction_weights_kd.sum(-1) == pytest.approx(np.ones(K))
+    assert posterior.mixing_levels_k.sum() == pytest.approx(1.0)
+    assert (posterior.level_std_k > 0).all()
+    # Never surer than the grid allows.
+    assert (posterior.azimuth_std_k >= CONFIG.grid.spacing / np.sqrt(12) - 1e-9).all()
+    assert posterior.activations_kij is not None
+    assert posterior.activations_kij.shape == (K, 44, 144)
+
+
+def test_a_batch_is_its_clips_one_by_one() -> None:
+    localizer = Localizer(make_system(initial_sigma=1.0))
+    together = localizer.posteriors(clips(3))
+    for clip, posterior in zip(clips(3), together, strict=True):
+        assert_same(posterior, localizer.posteriors([clip])[0])
+
+
+def test_posteriors_depend_on_image_and_sound() -> None:
+    localizer = Localizer(make_system())
+    first, second = clips(2)
+    swapped = Clip("swapped", second.audio_mn, first.image_ijc)
+    own, other_sound, other = localizer.posteriors([first, swapped, second])
+    np.testing.assert_allclose(own.direction_weights_kd, other_sound.direction_weights_kd, rtol=1e-4)
+    assert np.abs(own.mixing_levels_k - other_sound.mixing_levels_k).max() > 1e-6
+    assert np.abs(own.direction_weights_kd - other.direction_weights_kd).max() > 1e-6
+
+
+def test_a_guide_in_training_is_taken_out_of_it() -> None:
+    system = make_system()
+    system.guide.train()
+    localizer = Localizer(system)
+    assert_same(localizer.posteriors(clips(1))[0], localizer.posteriors(clips(1))[0])
+
+
+def test_clips_of_another_array_are_refused_by_name() -> None:
+    wrong = [*clips(1), Clip("odd-one", np.zeros((3, 1600), np.float32), clips(1)[0].image_ijc)]
+    with pytest.raises(InputError, match=r"odd-one: 3 channels.*4 microphones of array 'circle4'"):
+        Localizer(make_system()).posteriors(wrong)
+
+
+def test_uniform_levels_leave_directions_as_they_are() -> None:
+    system = make_system()
+    (full,) = Localizer(system).posteriors(clips(1))
+    (uniform,) = Localizer(system, uniform_levels=True).posteriors(clips(1))
+    assert uniform.mixing_levels_k.tolist() == pytest.approx([1 / K] * K)
+    assert (uniform.level_std_k == 0).all()
+    np.testing.assert_array_equal(uniform.direction_weights_kd, full.direction_weights_kd)
+
+
+def test_a_guide_without_audio_network_has_certain_levels() -> None:
+    (posterior,) = Localizer(make_system(audio_net=False)).posteriors(clips(1))
+    assert posterior.mixing_levels_k.tolist() == pytest.approx([1 / K] * K)
+    assert (posterior.level_std_k < 1e-3).all()
+
+
+def test_spread_of_azimuth_grows_with_sigma() -> None:
+    spread = []
+    for sigma in (1e-9, 0.1, 3.0):
+        system = make_system(initial_sigma=sigma)
+        # A fresh network hardly prefers a direction; stronger activations make peaks worth the name.
+        with torch.no_grad():
+            system.guide.visual.head[-1].weight.mul_(20)
+        spread.append(Localizer(system).posteriors(clips(1))[0].azimuth_std_k)
+    floor = CONFIG.grid.spacing / np.sqrt(12)
+    assert spread[0] == pytest.approx([floor] * K, rel=1e-6)
+    assert spread[0].sum() < spread[1].sum() < spread[2].sum()
+
+
+def test_the_spread_is_reproducible() -> None:
+    system = make_system(initial_sigma=1.0)
+    torch.manual_seed(1)
+    first = Localizer(system, seed=3).posteriors(clips(1))[0].azimuth_std_k
+    torch.manual_seed(2)
+    np.testing.assert_array_equal(Localizer(system, seed=3).posteriors(clips(1))[0].azimuth_std_k, first)
+    assert (Localizer(system, seed=4).posteriors(clips(1))[0].azimuth_std_k != first).any()
