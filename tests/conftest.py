@@ -1,5 +1,7 @@
 """Fixtures shared by the packages' tests: a handful of real scenes, rendered once per test process."""
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -26,3 +28,13 @@ def scene_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scenes")
     generate(plan_scenes(folder, SceneSimulator(seed=7), NUM_SCENES, scenes_per_shard=4), workers=1, progress=False)
     return folder
+
+
+@pytest.fixture
+def full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From now on, every atomic write finds the disk full after its bytes were written, just before they are safe."""
+
+    def no_space(_descriptor: int) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("avssl_pyro.atomic_file.os.fsync", no_space)

@@ -1,8 +1,6 @@
 """localize.py: its result, its picture, and one sentence for everything that can be wrong with the input."""
 
-import errno
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -247,14 +245,11 @@ def test_a_full_disk_leaves_nothing_half_written(
     checkpoint: Path,
     clip: tuple[Path, Path],
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def no_space(_descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     before = set(tmp_path.iterdir())
-    monkeypatch.setattr("avssl_pyro.atomic_file.os.fsync", no_space)
+    request.getfixturevalue("full_disk")
     with pytest.raises(SystemExit) as exit_info:
         run(lambda: main(arguments(checkpoint, *clip, tmp_path / "out.json")))
     assert exit_info.value.code == 2

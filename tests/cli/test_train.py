@@ -1,8 +1,6 @@
 """svi_train.py: presets, defaults, continuation, and refusals in one sentence."""
 
-import errno
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -88,16 +86,13 @@ def test_bad_input_gets_one_sentence(
 
 
 def test_a_full_disk_keeps_the_last_checkpoint(
-    scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    scene_folder: Path, tmp_path: Path, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(options(scene_folder, tmp_path))
     kept = (tmp_path / CHECKPOINT_NAME).read_bytes()
     (tmp_path / "training_state.pt").unlink()
 
-    def no_space(_descriptor: int) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr("avssl_pyro.atomic_file.os.fsync", no_space)
+    request.getfixturevalue("full_disk")
     with pytest.raises(SystemExit) as exit_info:
         run(lambda: main(options(scene_folder, tmp_path)))
     assert exit_info.value.code == 2

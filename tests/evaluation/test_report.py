@@ -1,6 +1,5 @@
 import json
 from io import StringIO
-from pathlib import Path
 
 import pytest
 from rich.console import Console
@@ -74,15 +73,11 @@ def test_the_headline_tolerance_is_shown_and_the_best_is_bold(tmp_path):
     assert "**0.50**" in markdown_lines(tmp_path, "music")[0]
 
 
-def test_a_failed_write_keeps_the_old_report_and_leaves_no_other_file(tmp_path, monkeypatch):
+def test_a_failed_write_keeps_the_old_report_and_leaves_no_other_file(tmp_path, request):
     write_report(rows(), tmp_path)
     before = (tmp_path / "report.json").read_bytes()
 
-    def full(path, text, encoding):
-        path.write_bytes(text[:10].encode(encoding))
-        raise OSError(28, "No space left on device", str(path))
-
-    monkeypatch.setattr(Path, "write_text", full)
+    request.getfixturevalue("full_disk")
     with pytest.raises(OSError, match="No space"):
         write_report(rows()[:1], tmp_path)
     assert (tmp_path / "report.json").read_bytes() == before

@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -120,13 +118,7 @@ def test_the_file_holds_the_picture(tmp_path):
     np.testing.assert_array_equal(read, draw_overlay(GRAY, posterior, sources, GRID))
 
 
-def test_a_full_disk_leaves_no_file(tmp_path, monkeypatch):
-    def full(path, data):
-        with path.open("wb") as file:
-            file.write(data[:10])
-        raise OSError(28, "No space left on device", str(path))
-
-    monkeypatch.setattr(Path, "write_bytes", full)
+def test_a_full_disk_leaves_no_file(tmp_path, full_disk):
     posterior, sources = scene([60.0], [0.5])
     with pytest.raises(OSError, match="No space"):
         save_overlay(tmp_path / "out.png", GRAY, posterior, sources, GRID)
