@@ -91,7 +91,8 @@ class RefinedGuide(PyroModule):
             mu_bkd=point.log_w_bkd,
             sigma_bkd=(kept * point.precision_bkd).rsqrt(),
             concentration_bk=(kept * point.counts_bk).clamp_min(LEAST_CONCENTRATION),
-            activation_bkij=start.activation_bkij,
+            activation_bkij=start.activation_bkij
+            + _over_columns(point.log_w_bkd - start.mu_bkd, start.activation_bkij),
         )
 
     def _climb(self, ascent: MixtureAscent, log_w_bkd: Tensor, pi_bk: Tensor) -> MixturePoint:
@@ -121,3 +122,8 @@ class RefinedGuide(PyroModule):
             concentration_bk=torch.cat([start.concentration_bk, mean_b1.expand(-1, extra)], dim=-1),
             activation_bkij=F.pad(start.activation_bkij, (0, 0, 0, 0, 0, extra)),
         )
+
+
+def _over_columns(change_bkd: Tensor, activation_bkij: Tensor) -> Tensor:
+    """A change of log-weights laid over the columns of the activation maps, (B, K, 1, J')."""
+    return F.interpolate(change_bkd[:, :, None], size=(1, activation_bkij.shape[-1]))

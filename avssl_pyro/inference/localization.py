@@ -8,9 +8,6 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 
-# Half width of the neighbourhood whose weights are averaged into an azimuth finer than the grid.
-CENTROID_HALF_WIDTH = np.deg2rad(7.5)
-
 
 @dataclass(frozen=True)
 class ScenePosterior:
@@ -66,12 +63,17 @@ class LocalizedSource:
 
 
 def peak_azimuth(weights_d: npt.NDArray[np.float64], grid: DirectionGrid) -> float:
-    """Centroid of the weights around their maximum, radians: Eq. (4) at a resolution finer than the grid."""
-    azimuths_d = grid.azimuths
-    offset_d = wrap_angle(azimuths_d - azimuths_d[weights_d.argmax()])
-    near_d = np.abs(offset_d) <= CENTROID_HALF_WIDTH
-    centroid = np.sum(offset_d * weights_d * near_d) / np.sum(weights_d * near_d)
-    return float(wrap_angle(azimuths_d[weights_d.argmax()] + centroid))
+    """Azimuth of the strongest direction, radians: Eq. (4), and finer than the grid by a parabola through log-weights.
+
+    The parabola is exact for a peak of Gaussian shape.
+    """
+    peak = int(weights_d.argmax())
+    neighbours = weights_d[[peak - 1, peak, (peak + 1) % len(weights_d)]]
+    before, top, after = np.log(np.maximum(neighbours, np.finfo(np.float64).tiny))
+    curvature = 2 * top - before - after
+    # The azimuth falls as the index rises; a plateau has its peak anywhere, so take the middle of the block.
+    offset = 0.5 * (after - before) / curvature if curvature > 0 else 0.0
+    return float(wrap_angle(grid.azimuths[peak] - offset * grid.spacing))
 
 
 def select_sources(

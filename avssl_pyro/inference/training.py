@@ -98,7 +98,8 @@ def train(
     """
     estimator = estimator or RecordingMeanFieldELBO()
     assert isinstance(estimator, RecordsTerms)
-    loss_module = estimator(system.model, system.guide).train()
+    with pyro.settings.context(module_local_params=True):
+        loss_module = estimator(system.model, system.guide).train()
     optimizer = torch.optim.AdamW(loss_module.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
     sampler = WindowShuffleSampler(
         dataset.shard_sizes,
@@ -119,7 +120,7 @@ def train(
         enabled=fabric.is_global_zero,
     )
     last_save, step, stopping = time.monotonic(), first_step, False
-    with contextlib.closing(reporter), StopRequest() as stop, _own_nan_checks():
+    with contextlib.closing(reporter), StopRequest() as stop, _private_pyro():
         for batch in _batches(dataset, sampler, config, first_step, total_steps, fabric.device):
             _seed_step(config.seed, step, fabric.global_rank)
             learning_rate = config.learning_rate * _schedule(step, total_steps, config)
@@ -175,9 +176,13 @@ def _batches(
 
 
 @contextlib.contextmanager
-def _own_nan_checks() -> Iterator[None]:
-    """Leaves a NaN to :func:`_check_finite`, which knows the step, the term and the clip; Pyro would stop or warn."""
-    with pyro.validation_enabled(False), warnings.catch_warnings():
+def _private_pyro() -> Iterator[None]:
+    """Pyro as training needs it: parameters stay in their modules, out of the global store that the next SVI would see.
+
+    A NaN is left to :func:`_check_finite`, which knows the step, the term and the clip; Pyro would stop or warn.
+    """
+    local_parameters = pyro.settings.context(module_local_params=True)
+    with local_parameters, pyro.validation_enabled(False), warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Encountered NaN", category=UserWarning)
         yield
 

@@ -48,7 +48,7 @@ def found_deg(sources: tuple[LocalizedSource, ...]) -> list[float]:
 @pytest.mark.parametrize("azimuth_deg", [-180.0, -179.0, -177.5, -90.0, 0.0, 1.3, 88.8, 177.5, 179.0, 180.0])
 def test_peak_is_finer_than_the_grid_and_knows_no_seam(azimuth_deg: float) -> None:
     found = peak_azimuth(bump(azimuth_deg), GRID)
-    assert abs(wrap_angle(found - np.deg2rad(azimuth_deg))) < np.deg2rad(1.25)
+    assert abs(wrap_angle(found - np.deg2rad(azimuth_deg))) < np.deg2rad(0.05)
     assert -np.pi <= found <= np.pi
 
 
