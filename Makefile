@@ -5,10 +5,13 @@ BIN := $(VENV)/bin
 # Written after a successful install, so an interrupted one is done again.
 STAMP := $(VENV)/.installed
 
+# More options for the demo, such as DEMO="--scenes 100 --optimization.epochs 1".
+DEMO ?=
+
 .PHONY: demo test lint format clean
 
 demo: $(STAMP)
-	$(BIN)/python scripts/demo.py
+	$(BIN)/python scripts/demo.py $(DEMO)
 
 test: $(STAMP)
 	$(BIN)/pytest -n 2 --dist worksteal

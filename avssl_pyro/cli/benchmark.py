@@ -8,6 +8,8 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,11 @@ from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.data.batch import collate_clips
 from avssl_pyro.data.clip import CLIP_SAMPLES, IMAGE_COLUMNS, IMAGE_ROWS, Clip
+from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.data.generation import generate
+from avssl_pyro.data.loader import make_loader
+from avssl_pyro.data.sampling import WindowShuffleSampler
+from avssl_pyro.data.scene_plan import plan_scenes
 from avssl_pyro.distributions.profiled_gaussian import component_log_likelihood, observe
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.guides.amortized import AmortizedGuide
@@ -32,11 +39,12 @@ from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.memory import keep_freed_memory
 from avssl_pyro.inference.system import System, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO
+from avssl_pyro.simulation.scenes import SceneSimulator
 
 
 @dataclass(frozen=True)
 class BenchmarkOptions:
-    """Time training steps and localization, and measure their memory, on clips of noise."""
+    """Time training steps, reading and localization, and measure their memory, on clips of noise."""
 
     array: str = "circle6"
     """Microphone array."""
@@ -44,6 +52,8 @@ class BenchmarkOptions:
     """Clips per training step."""
     repeats: int = 20
     """Timings of each thing; medians are shown."""
+    data: tuple[Path, ...] = ()
+    """Folders of shards to read; by default a few scenes made for the purpose."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +82,12 @@ def main(args: Sequence[str] | None = None) -> None:
         table.add_row(name, f"{ms:.0f}", f"{1e3 * options.batch_size / ms:.1f}")
     console.print(table)
     console.print(f"Pyro / plain torch: {pyro_ms / plain_ms:.3f}    peak memory {training.peak_gib:.2f} GiB\n")
+    reading = _in_fresh_process(_reading, options)
+    table = Table("reading shards", "clips/s", "of training", box=box.SIMPLE_HEAD)
+    for name, ms in reading.milliseconds.items():
+        table.add_row(name, f"{1e3 / ms:.0f}", f"{pyro_ms / options.batch_size / ms:.1f}")
+    console.print(table)
+    console.print(f"peak memory {reading.peak_gib:.2f} GiB\n")
     localizing = _in_fresh_process(_localizing, options)
     music_ms = localizing.milliseconds["music"]
     table = Table("localizing", "ms/clip", "of music", box=box.SIMPLE_HEAD)
@@ -134,6 +150,32 @@ def plain_loss(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> Tensor:
     log_likelihood = (log_pi + component_log_likelihood(observe(x_bfmt), scm_bkfmm)).logsumexp(-2).sum()
     kl = kl_log_normal(mu_bkd, sigma_k, sizes.sigma).sum() + kl_dirichlet(concentration_bk, sizes.alpha).sum()
     return kl - log_likelihood
+
+
+def _reading(options: BenchmarkOptions) -> dict[str, float]:
+    if options.data:
+        return _read(options, options.data)
+    with TemporaryDirectory() as folder:
+        simulator = SceneSimulator(array=resolve_array(options.array))
+        generate(plan_scenes(Path(folder), simulator, 2 * options.batch_size, options.batch_size), workers=-1)
+        return _read(options, (Path(folder),))
+
+
+def _read(options: BenchmarkOptions, folders: tuple[Path, ...]) -> dict[str, float]:
+    """Milliseconds per clip with several numbers of reading processes."""
+    dataset = SceneDataset(folders, resolve_array(options.array))
+    sampler = WindowShuffleSampler(dataset.shard_sizes, options.batch_size)
+    epochs = -(-(10 * options.repeats + 1) // sampler.steps_per_epoch)
+    order = [indices for epoch in range(epochs) for indices in sampler.at(epoch)]
+    milliseconds = {}
+    for workers in (0, 1, 2):
+        batches = iter(make_loader(dataset, order, workers))
+        # Starting processes is not reading.
+        next(batches)
+        start = time.perf_counter()
+        clips = sum(len(batch) for batch in batches)
+        milliseconds[f"{workers} worker processes"] = 1e3 * (time.perf_counter() - start) / clips
+    return milliseconds
 
 
 def _localizing(options: BenchmarkOptions) -> dict[str, float]:

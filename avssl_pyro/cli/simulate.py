@@ -68,13 +68,18 @@ class SimulateOptions:
     """Instead of making scenes, check those in DIR; exit code 1 and a line per bad shard if they are not sound."""
 
 
+def parse(args: Sequence[str] | None = None) -> SimulateOptions:
+    """Options of the command line."""
+    return tyro.cli(SimulateOptions, args=args)
+
+
 def main(args: Sequence[str] | None = None) -> int:
     """Runs the command with ``args`` (by default those of the process) and returns its exit code.
 
     Raises:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
-    options = tyro.cli(SimulateOptions, args=args)
+    options = parse(args)
     if options.verify is not None:
         return _verify(options.verify)
     if options.out is None and options.preview is None:
@@ -120,10 +125,8 @@ def _generate(options: SimulateOptions, out: Path, simulator: SceneSimulator) ->
     with _backend(options):
         manifest = generate(plan)
     size_mb = sum(shard.num_bytes for shard in manifest.shards) / 1e6
-    print(
-        f"{out}: {options.scenes} scenes in {len(manifest.shards)} shards, {size_mb:.1f} MB, "
-        f"{time.perf_counter() - started:.1f} s."
-    )
+    seconds = time.perf_counter() - started
+    print(f"{out}: {options.scenes} scenes in {len(manifest.shards)} shards, {size_mb:.1f} MB, {seconds:.1f} s.")
 
 
 @contextlib.contextmanager
