@@ -1,5 +1,5 @@
-# `make demo` and `make test` need nothing but Python 3.11; they make .venv once and reuse it.
-PYTHON ?= python3.11
+# `make demo` and `make test` need nothing but Python 3.11 or newer; they make .venv once and reuse it.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 # Written after a successful install, so an interrupted one is done again.

@@ -1,7 +1,8 @@
 """The semi-amortised guide: the networks' posterior of a clip, refined on that clip alone.
 
-A single forward pass knows what such pictures and recordings have in common; a few rounds of closed-form ascent from
-there fit the one at hand. The networks give the start and, if wanted, a prior that keeps the picture in.
+A single forward pass knows what such pictures and recordings have in common; a few rounds of closed-form ascent of the
+posterior from there fit the one at hand. The networks give the start and, if wanted, a prior that keeps the picture in.
+The standard deviations are lower bounds, see :mod:`avssl_pyro.distributions.ascent`.
 """
 
 from dataclasses import dataclass
@@ -31,8 +32,8 @@ class RefinementConfig:
         rounds: most rounds of ascent.
         tolerance: a clip has arrived when its log-likelihood per time-frequency bin rises by less in a round.
         prior_sigma: of log w about its prior mean, sigma_0 of the model.
-        image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu); with two
-            microphones audio alone is ambiguous, and the picture must stay in.
+        image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu). The picture
+            decides where the climb starts in any case; with a weight it also holds it back.
         alpha: concentration of the Dirichlet prior of mixing levels.
         diffuse: eps of the model.
         extra_classes: source classes added to those of the networks; they start looking everywhere alike.
@@ -82,15 +83,16 @@ class RefinedGuide(PyroModule):
         template_dfmm = torch.view_as_complex(self.template_pairs)
         prior = LogWeightPrior(config.image_weight * start.mu_bkd, start.mu_bkd.new_tensor(config.prior_sigma**-2))
         observed = observe(x_bfmt[:, :: config.bin_step, :, :: config.frame_step])
-        ascent = MixtureAscent(observed, template_dfmm, config.diffuse, prior, config.alpha)
+        # A thinned spectrogram stands for the whole one.
+        _, f, _, t = observed.features_bfct.shape
+        weight = x_bfmt.shape[1] * x_bfmt.shape[-1] / (f * t)
+        ascent = MixtureAscent(observed, template_dfmm, config.diffuse, prior, config.alpha, weight)
         pi_bk = start.concentration_bk / start.concentration_bk.sum(-1, keepdim=True)
         point = self._climb(ascent, start.mu_bkd, pi_bk)
-        # Left-out bins would have counted as well.
-        kept = config.bin_step * config.frame_step
         return GuideParameters(
             mu_bkd=point.log_w_bkd,
-            sigma_bkd=(kept * point.precision_bkd).rsqrt(),
-            concentration_bk=(kept * point.counts_bk).clamp_min(LEAST_CONCENTRATION),
+            sigma_bkd=point.precision_bkd.rsqrt(),
+            concentration_bk=point.counts_bk.clamp_min(LEAST_CONCENTRATION),
             activation_bkij=start.activation_bkij
             + _over_columns(point.log_w_bkd - start.mu_bkd, start.activation_bkij),
         )

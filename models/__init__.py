@@ -1,0 +1,1 @@
+"""Generative models and their priors; written to be read and swapped."""

@@ -116,9 +116,9 @@ def test_commands_of_the_scaling_page_are_understood() -> None:
     assert {Path(command[0]).name for command in commands} == {"simulate.py", "svi_train.py"}
     for script, *arguments in commands:
         if Path(script).name == "svi_train.py":
-            assert train.parse(arguments).data == (Path("/shared/train"),)
+            assert train.parse(arguments).data == (Path("/data/train"),)
         else:
-            assert simulate.parse(arguments).out == Path("/shared/train")
+            assert simulate.parse(arguments).out == Path("/data/train")
 
 
 def test_every_picture_and_page_is_there() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
+from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.errors import InputError
 
 SPEED_OF_SOUND = 343.0
@@ -112,7 +113,7 @@ class MicrophoneArray:
 
     def save(self, path: Path) -> None:
         """Writes the array as YAML."""
-        path.write_text(yaml.safe_dump(self.to_dict(), sort_keys=False), encoding="utf-8")
+        write_atomically(path, yaml.safe_dump(self.to_dict(), sort_keys=False).encode())
 
     @classmethod
     def load(cls, path: Path) -> "MicrophoneArray":

@@ -60,11 +60,13 @@ def stft(audio_bmn: Tensor, config: StftConfig) -> Tensor:
     """Spectrogram x_bfmt, complex (B, F, M, T), of audio (B, M, N) with T = 1 + N // hop centred windows.
 
     Raises:
-        ValueError: the audio is too short to centre one window on it.
+        InputError: the audio is too short to centre one window on it.
     """
     b, m, n = audio_bmn.shape
     if n <= config.window // 2:
-        raise ValueError(f"audio of {n} samples is too short for an STFT window of {config.window}.")
+        raise InputError(
+            f"audio of {n} samples is too short for an STFT window of {config.window}; give more than half a window."
+        )
     window = torch.hann_window(config.window, dtype=audio_bmn.dtype, device=audio_bmn.device)
     x_ft = torch.stft(
         audio_bmn.reshape(b * m, n), config.window, config.hop, window=window, center=True, return_complex=True

@@ -32,6 +32,7 @@ from avssl_pyro.data.loader import make_loader
 from avssl_pyro.data.sampling import WindowShuffleSampler
 from avssl_pyro.data.scene_plan import plan_scenes
 from avssl_pyro.distributions.profiled_gaussian import component_log_likelihood, observe
+from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.inference.closed_form import kl_dirichlet, kl_log_normal
@@ -54,6 +55,12 @@ class BenchmarkOptions:
     """Timings of each thing; medians are shown."""
     data: tuple[Path, ...] = ()
     """Folders of shards to read; by default a few scenes made for the purpose."""
+
+    def __post_init__(self) -> None:
+        if self.repeats < 2 or self.batch_size < 1:
+            raise InputError(
+                f"--repeats {self.repeats} and --batch-size {self.batch_size} must be at least 2 and at least 1."
+            )
 
 
 @dataclass(frozen=True)

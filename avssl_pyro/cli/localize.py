@@ -22,6 +22,7 @@ from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.result import result_dict
 from avssl_pyro.inference.system import System
+from avssl_pyro.inference.training import CHECKPOINT_NAME
 from avssl_pyro.viz.overlay import save_overlay
 
 SAME_PLACE_M = 1e-3
@@ -31,10 +32,10 @@ SAME_PLACE_M = 1e-3
 class LocalizeOptions:
     """Tell which objects in a 360-degree image are sounding, where, how much, and how sure that is."""
 
-    checkpoint: Path
-    """Checkpoint of svi_train.py (.safetensors)."""
     out: Path
     """Result: JSON for one clip, JSON lines for a manifest."""
+    checkpoint: Path = Path("runs/demo") / CHECKPOINT_NAME
+    """Checkpoint of svi_train.py (.safetensors); by default the one that the demo leaves."""
     image: Path | None = None
     """Equirectangular image, twice as wide as high, or 88 x 288."""
     audio: Path | None = None
@@ -77,6 +78,10 @@ def main(args: Sequence[str] | None = None) -> None:
     refinement = system.refinement(rounds=options.refine) if options.refine else None
     localizer = Localizer(system, options.device, refinement=refinement)
     thresholds = SourceThresholds(options.level_threshold, options.peak_threshold)
+    # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
+    for entry in inputs:
+        _read(entry, localizer)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     lines = list(_results(inputs, options, localizer, thresholds))
     write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())
     if options.manifest is None:
@@ -140,12 +145,17 @@ def read_manifest(path: Path) -> list[_Input]:
     return [_Input(path.parent / row["image"], path.parent / row["audio"]) for row in rows]
 
 
+def _read(entry: _Input, localizer: Localizer) -> Clip:
+    array = localizer.config.array
+    return read_clip(entry.image, entry.audio, array.num_microphones, array.name)
+
+
 def _results(
     inputs: Sequence[_Input], options: LocalizeOptions, localizer: Localizer, thresholds: SourceThresholds
 ) -> Iterator[str]:
     array = localizer.config.array
     for number, entry in enumerate(tqdm(inputs, unit="clip", desc="localizing", disable=len(inputs) == 1)):
-        clip = read_clip(entry.image, entry.audio, array.num_microphones, array.name)
+        clip = _read(entry, localizer)
         (posterior,) = localizer.posteriors([clip])
         sources = select_sources(posterior, localizer.config.grid, thresholds)
         if options.overlay is not None:
@@ -161,7 +171,7 @@ def _results(
             array=array.to_dict(),
             checkpoint=str(options.checkpoint),
         )
-        yield json.dumps(result)
+        yield json.dumps(result, allow_nan=False)
 
 
 def _overlay_path(options: LocalizeOptions, number: int, clip: Clip) -> Path:

@@ -82,6 +82,8 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parse(args)
     if options.verify is not None:
         return _verify(options.verify)
+    if options.scenes < 1:
+        raise InputError(f"--scenes is {options.scenes}; give a number of at least 1.")
     if options.out is None and options.preview is None:
         raise InputError("say what to do: --out DIR makes scenes, --preview FILE.png shows some, --verify DIR checks.")
     simulator = _simulator(options)

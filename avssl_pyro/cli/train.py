@@ -24,6 +24,7 @@ from avssl_pyro.inference.reporting import read_log
 from avssl_pyro.inference.system import GuideConfig, ModelConfig, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO, RecordingTraceELBO
 from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, TrainingDivergedError, train
+from avssl_pyro.inference.training_state import STATE_NAME
 from avssl_pyro.viz.curves import save_curves
 
 ESTIMATORS = {"mean-field": RecordingMeanFieldELBO, "trace": RecordingTraceELBO}
@@ -60,8 +61,8 @@ class TrainOptions:
     guide: GuideConfig = field(default_factory=GuideConfig)
     stft: StftConfig = field(default_factory=StftConfig)
     optimization: OptimizationConfig = field(default_factory=OptimizationConfig)
-    accelerator: str = "auto"
-    """Lightning Fabric accelerator: auto, cpu, cuda, mps."""
+    accelerator: Literal["auto", "cpu", "cuda"] = "auto"
+    """Lightning Fabric accelerator: auto is cuda if there is one, else cpu."""
     devices: int = 1
     """Processes on this machine, one per device."""
     num_nodes: int = 1
@@ -114,15 +115,10 @@ def train_with(options: TrainOptions) -> None:
     """Trains as the options say and draws the curves."""
     keep_freed_memory()
     array = resolve_array(options.array)
-    fabric = Fabric(
-        accelerator=options.accelerator,
-        devices=options.devices,
-        num_nodes=options.num_nodes,
-        precision=options.precision,
-    )
+    fabric = _fabric(options)
     fabric.launch()
     dataset = _dataset(options, array, progress=fabric.is_global_zero)
-    _claim_run(options, array)
+    _claim_run(options, array, fabric.world_size)
     torch.manual_seed(options.optimization.seed)
     system = build_system(SystemConfig(array, options.model, options.guide, options.stft))
     try:
@@ -132,6 +128,19 @@ def train_with(options: TrainOptions) -> None:
             draw_curves(options.out)
     if fabric.is_global_zero:
         print(f"{options.out / CHECKPOINT_NAME}: written.")
+
+
+def _fabric(options: TrainOptions) -> Fabric:
+    # Apple's mps has no complex Cholesky factorisation, which the likelihood needs; "auto" must not choose it.
+    automatic = "cuda" if torch.cuda.is_available() else "cpu"
+    accelerator = automatic if options.accelerator == "auto" else options.accelerator
+    try:
+        return Fabric(
+            accelerator=accelerator, devices=options.devices, num_nodes=options.num_nodes, precision=options.precision
+        )
+    except (RuntimeError, ValueError) as error:
+        problem = " ".join(str(error).split())
+        raise InputError(f"--accelerator {options.accelerator} --devices {options.devices}: {problem}") from error
 
 
 def draw_curves(run_dir: Path) -> None:
@@ -144,13 +153,14 @@ def draw_curves(run_dir: Path) -> None:
     save_curves(run_dir / "curves.png", [record["step"] for record in records], series)
 
 
-def _claim_run(options: TrainOptions, array: MicrophoneArray) -> None:
+def _claim_run(options: TrainOptions, array: MicrophoneArray, processes: int) -> None:
     """Writes the settings of a run, or checks that they are those of the run that is to be continued."""
     settings = {
         "array": array.to_dict(),
         "data": [str(folder) for folder in options.data] or {"scenes": options.scenes, "condition": options.condition},
         "estimator": options.estimator,
         "precision": options.precision,
+        "processes": processes,
         "model": asdict(options.model),
         "guide": asdict(options.guide),
         "stft": asdict(options.stft),
@@ -158,7 +168,8 @@ def _claim_run(options: TrainOptions, array: MicrophoneArray) -> None:
     }
     settings = json.loads(json.dumps(settings))
     path = options.out / RUN_NAME
-    if path.exists():
+    # Without a saved state there is nothing to continue, and the settings may have been what was wrong.
+    if path.exists() and (options.out / STATE_NAME).exists():
         try:
             previous = json.loads(path.read_text(encoding="utf-8"))
         except ValueError as error:
@@ -166,7 +177,7 @@ def _claim_run(options: TrainOptions, array: MicrophoneArray) -> None:
         for section in ("model", "guide", "stft", "optimization"):
             for name, value in settings[section].items():
                 _compare(path, f"{section}.{name}", previous.get(section, {}).get(name), value)
-        for name in ("array", "data", "estimator", "precision"):
+        for name in ("array", "data", "estimator", "precision", "processes"):
             _compare(path, name, previous.get(name), settings[name])
         return
     options.out.mkdir(parents=True, exist_ok=True)

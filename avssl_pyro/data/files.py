@@ -13,6 +13,8 @@ from avssl_pyro.errors import InputError
 
 MAX_SECONDS = 10.0
 MIN_SECONDS = 0.1
+# Float files of 32-bit integers that nobody scaled are the largest that make sense.
+MAX_AMPLITUDE = 2.0**31
 
 
 def read_audio(path: Path, num_microphones: int, array_name: str) -> npt.NDArray[np.float32]:
@@ -50,6 +52,11 @@ def read_audio(path: Path, num_microphones: int, array_name: str) -> npt.NDArray
         raise InputError(
             f"{path}: sample {frame} of channel {channel + 1} is not a finite number; export the recording again."
         )
+    largest = float(np.abs(audio_nm).max())
+    if largest > MAX_AMPLITUDE:
+        raise InputError(
+            f"{path}: a sample is as large as {largest:.3g} where full scale is 1; export the recording again."
+        )
     if rate != SAMPLE_RATE:
         divisor = int(np.gcd(rate, SAMPLE_RATE))
         audio_nm = resample_poly(audio_nm, SAMPLE_RATE // divisor, rate // divisor, axis=0)
@@ -64,7 +71,8 @@ def read_image(path: Path) -> npt.NDArray[np.uint8]:
     """
     if not path.is_file():
         raise InputError(f"{path}: no such image file.")
-    image_ijc = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR_RGB)
+    content = np.fromfile(path, dtype=np.uint8)
+    image_ijc = cv2.imdecode(content, cv2.IMREAD_COLOR_RGB) if content.size else None
     if image_ijc is None:
         raise InputError(f"{path}: cannot be read as an image; give JPEG or PNG.")
     return fit_image(image_ijc.astype(np.uint8), str(path))

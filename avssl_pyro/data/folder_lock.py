@@ -12,8 +12,7 @@ from pathlib import Path
 def sole_writer(folder: Path) -> Iterator[None]:
     """Holds an advisory lock on ``folder`` itself, which the system drops with the process, however that ends.
 
-    File systems without locks (some network mounts) are used unlocked: two writers then repeat each other's work but
-    still agree on every byte.
+    Where folders cannot be locked (some network mounts) nothing keeps two writers apart, which is said on stderr.
     """
     descriptor = os.open(folder, os.O_RDONLY)
     try:
@@ -23,7 +22,7 @@ def sole_writer(folder: Path) -> Iterator[None]:
             print(f"another process is making scenes in {folder}; waiting for it ...", file=sys.stderr)
             fcntl.flock(descriptor, fcntl.LOCK_EX)
         except OSError:
-            pass
+            print(f"{folder} cannot be locked on this file system; let only one command write to it.", file=sys.stderr)
         yield
     finally:
         os.close(descriptor)

@@ -9,7 +9,8 @@ the trace and linearising the log determinant bounds the log-likelihood of a cla
 with pull_d = sum_f a^H P Phi P a and push_d = sum_f n_f a^H P a. Without a prior its maximum is the multiplicative
 update w <- w (pull / push)^(1/2) of non-negative matrix factorisation. With a normal prior of log w the maximum of
 bound plus prior is found by Newton's method in one dimension. Either way the objective never falls, and no step size
-is needed. The curvature at the maximum gives the posterior's spread.
+is needed. The curvature of the bound at its maximum is at least that of the posterior, so the spread it gives is a
+lower bound: it knows nothing of weights that can trade places.
 """
 
 from dataclasses import dataclass
@@ -50,7 +51,7 @@ class MixturePoint:
 
     Args:
         log_w_bkd: log direction weights, (B, K, D).
-        precision_bkd: curvature of the log posterior in log w, (B, K, D).
+        precision_bkd: curvature in log w of the bound on the log posterior, (B, K, D); the posterior's is smaller.
         counts_bk: expected numbers of time-frequency bins of every class, (B, K).
         log_likelihood_b: of the point before the step that led here, up to a constant of the clip, (B,).
     """
@@ -84,10 +85,17 @@ class MixtureAscent:
         diffuse: eps relative to the summed weights.
         prior: of log w.
         alpha: concentration of the Dirichlet prior of mixing levels.
+        weight: every observed bin counts so often; a thinned spectrogram then holds its own against the priors.
     """
 
     def __init__(
-        self, observed: ObservedSpectrogram, template_dfmm: Tensor, diffuse: float, prior: LogWeightPrior, alpha: float
+        self,
+        observed: ObservedSpectrogram,
+        template_dfmm: Tensor,
+        diffuse: float,
+        prior: LogWeightPrior,
+        alpha: float,
+        weight: float = 1.0,
     ) -> None:
         self._observed = observed
         self._template_dfmm = template_dfmm
@@ -95,6 +103,7 @@ class MixtureAscent:
         self._diffuse = diffuse
         self._prior = prior
         self._alpha = alpha
+        self._weight = weight
 
     @torch.no_grad()
     def step(self, log_w_bkd: Tensor, pi_bk: Tensor, stretch_b: Tensor | float = 1.0) -> MixturePoint:
@@ -124,11 +133,12 @@ class MixtureAscent:
         push_bkd = self._project(count_bfk.transpose(-2, -1)[..., None, None] * inverse_bkfmm)
 
         # P was that of weights summing to 1; the bound is that of the weights themselves.
-        share_bkd = log_w_bkd.softmax(-1)
-        best_bkd, precision_bkd = self._maximise(log_w_bkd, share_bkd * pull_bkd, share_bkd * push_bkd)
+        weight_bkd = self._weight * log_w_bkd.softmax(-1)
+        best_bkd, precision_bkd = self._maximise(log_w_bkd, weight_bkd * pull_bkd, weight_bkd * push_bkd)
         stretch_b11 = torch.as_tensor(stretch_b, dtype=pi_bk.dtype, device=pi_bk.device).reshape(-1, 1, 1)
         log_w_bkd = torch.lerp(self._centre(log_w_bkd), best_bkd, stretch_b11)
-        return MixturePoint(log_w_bkd, precision_bkd, count_bfk.sum(-2) + self._alpha, evidence_bft.sum((-2, -1)))
+        counts_bk = self._weight * count_bfk.sum(-2) + self._alpha
+        return MixturePoint(log_w_bkd, precision_bkd, counts_bk, self._weight * evidence_bft.sum((-2, -1)))
 
     def _project(self, matrix_bkfmm: Tensor) -> Tensor:
         """sum_f tr((a_fd a_fd^H + eps I) Q_f), (B, K, D); eps, relative to the summed weights, is part of each."""

@@ -45,7 +45,10 @@ class Localizer:
         seed: int = 0,
     ) -> None:
         self.config = system.config
-        self.device = torch.device(device)
+        try:
+            self.device = torch.empty(0, device=device).device
+        except (RuntimeError, AssertionError) as error:
+            raise InputError(f"device '{device}' cannot be used here ({str(error).splitlines()[0]}).") from error
         guide: AmortizedGuide | UniformLevelGuide | RefinedGuide = system.guide
         if refinement is not None:
             if not isinstance(system.guide, AmortizedGuide):

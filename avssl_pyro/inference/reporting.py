@@ -8,6 +8,8 @@ from typing import Any
 from torch.utils.tensorboard import SummaryWriter
 from tqdm import tqdm
 
+from avssl_pyro.atomic_file import write_atomically
+
 LOG_NAME = "log.jsonl"
 
 
@@ -41,9 +43,8 @@ class Reporter:
             return
         run_dir.mkdir(parents=True, exist_ok=True)
         kept = [record for record in read_log(run_dir) if record["step"] <= first_step]
-        self._file = (run_dir / LOG_NAME).open("w", encoding="utf-8")
-        self._file.writelines(json.dumps(record) + "\n" for record in kept)
-        self._file.flush()
+        write_atomically(run_dir / LOG_NAME, "".join(f"{json.dumps(record)}\n" for record in kept).encode())
+        self._file = (run_dir / LOG_NAME).open("a", encoding="utf-8")
         self._events = SummaryWriter(str(run_dir / "tensorboard"), purge_step=first_step + 1 if first_step else None)
 
     def advance(self) -> None:

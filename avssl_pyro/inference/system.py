@@ -12,6 +12,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.data.clip import SAMPLE_RATE
 from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
@@ -100,6 +101,10 @@ class SystemConfig:
     stft: StftConfig = field(default_factory=StftConfig)
 
     def __post_init__(self) -> None:
+        if self.stft.sample_rate != SAMPLE_RATE:
+            raise InputError(
+                f"STFT: the sample rate is {self.stft.sample_rate} Hz; clips are resampled to {SAMPLE_RATE} Hz."
+            )
         if self.guide.diffuse_class and self.model.num_sources < 2:
             raise InputError("one source class alone cannot be kept for diffuse noise; give num_sources of at least 2.")
 

@@ -23,6 +23,7 @@ from avssl_pyro.data.batch import ClipBatch
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.loader import make_loader
 from avssl_pyro.data.sampling import WindowShuffleSampler
+from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.interruption import StopRequest
@@ -32,6 +33,7 @@ from avssl_pyro.inference.terms import ElboTerms, RecordingMeanFieldELBO, Record
 from avssl_pyro.inference.training_state import TrainingState
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
+_RAISED = f"{InputError.__module__}.{InputError.__name__}: "
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,7 @@ class OptimizationConfig:
         final_learning_rate: learning rate of the last step as a share of the highest; a cosine leads there.
         gradient_clip: largest norm of the gradient of the ELBO per time-frequency bin.
         seed: of weights, noise and order.
-        num_workers: processes that read ahead; 0 reads in the training process.
+        num_workers: processes that read ahead, of use to a GPU; 0 reads in the training process, faster on few cores.
         log_every: steps between log records.
         checkpoint_minutes: minutes between checkpoints.
     """
@@ -60,9 +62,17 @@ class OptimizationConfig:
     final_learning_rate: float = 0.02
     gradient_clip: float = 1.0
     seed: int = 0
-    num_workers: int = 1
+    num_workers: int = 0
     log_every: int = 10
     checkpoint_minutes: float = 3.0
+
+    def __post_init__(self) -> None:
+        for name, least in (("epochs", 1), ("batch_size", 1), ("log_every", 1), ("num_workers", 0), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise InputError(f"OptimizationConfig: {name} is {getattr(self, name)}; it must be at least {least}.")
+        for name in ("learning_rate", "gradient_clip"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"OptimizationConfig: {name} is {getattr(self, name)}; it must be positive.")
 
 
 class TrainingDivergedError(RuntimeError):
@@ -130,7 +140,8 @@ def train(
             b, f, _, t = x_bfmt.shape
             loss = module(x_bfmt, batch.image_float()) / (b * f * t)
             assert estimator.terms is not None
-            _check_finite(loss, estimator.terms, batch, step)
+            if _anyone(not torch.isfinite(loss), fabric):
+                raise TrainingDivergedError(_describe_divergence(loss, estimator.terms, batch, step))
             fabric.backward(loss)
             norm = fabric.clip_gradients(
                 module, fabric_optimizer, max_norm=config.gradient_clip, error_if_nonfinite=False
@@ -150,10 +161,14 @@ def train(
             if stopping or done or time.monotonic() - last_save > 60 * config.checkpoint_minutes:
                 if fabric.is_global_zero:
                     state.save(step)
-                    save_checkpoint(run_dir / CHECKPOINT_NAME, system)
+                    if not (stopping or done):
+                        save_checkpoint(run_dir / CHECKPOINT_NAME, system)
                 last_save = time.monotonic()
             if stopping:
                 break
+    if fabric.is_global_zero:
+        # Also where nothing was left to train: the run may have ended between saving its state and its checkpoint.
+        save_checkpoint(run_dir / CHECKPOINT_NAME, system)
     if stopping and step != stop_after:
         raise KeyboardInterrupt
 
@@ -171,7 +186,15 @@ def _batches(
     first_epoch, skip = divmod(first_step, sampler.steps_per_epoch)
     for epoch in range(first_epoch, config.epochs):
         order = sampler.at(epoch, skip if epoch == first_epoch else 0)
-        for batch in make_loader(dataset, order, config.num_workers, device):
+        loader = iter(make_loader(dataset, order, config.num_workers, device))
+        while True:
+            try:
+                batch = next(loader)
+            except StopIteration:
+                break
+            except InputError as error:
+                # A worker process wraps the sentence in its traceback; the sentence is what the user needs.
+                raise InputError(str(error).strip().splitlines()[-1].removeprefix(_RAISED)) from error
             yield batch.to(device, non_blocking=True)
 
 
@@ -179,7 +202,7 @@ def _batches(
 def _private_pyro() -> Iterator[None]:
     """Pyro as training needs it: parameters stay in their modules, out of the global store that the next SVI would see.
 
-    A NaN is left to :func:`_check_finite`, which knows the step, the term and the clip; Pyro would stop or warn.
+    A NaN is left to the loop, which knows the step, the term and the clip; Pyro would stop or warn.
     """
     local_parameters = pyro.settings.context(module_local_params=True)
     with local_parameters, pyro.validation_enabled(False), warnings.catch_warnings():
@@ -187,11 +210,11 @@ def _private_pyro() -> Iterator[None]:
         yield
 
 
-def _anyone(requested: bool, fabric: Fabric) -> bool:
-    """Whether any process was asked to stop; all must leave after the same step or those that go on wait forever."""
+def _anyone(here: bool | torch.Tensor, fabric: Fabric) -> bool:
+    """Whether it is so in any process; all must leave the loop at the same step or those that go on wait forever."""
     if fabric.world_size == 1:
-        return requested
-    flag = torch.tensor(float(requested), device=fabric.device)
+        return bool(here)
+    flag = torch.tensor(float(here), device=fabric.device)
     return bool(torch.as_tensor(fabric.all_reduce(flag, reduce_op="sum")) > 0)
 
 
@@ -208,17 +231,18 @@ def _schedule(step: int, total_steps: int, config: OptimizationConfig) -> float:
     return warmup * (config.final_learning_rate + (1 - config.final_learning_rate) * cosine)
 
 
-def _check_finite(loss: torch.Tensor, terms: ElboTerms, batch: ClipBatch, step: int) -> None:
+def _describe_divergence(loss: torch.Tensor, terms: ElboTerms, batch: ClipBatch, step: int) -> str:
     if torch.isfinite(loss):
-        return
+        return f"step {step}: the loss of another process is not finite; its own message tells the clip."
     for name, value_b in terms.named().items():
         bad = [key for key, fine in zip(batch.keys, torch.isfinite(value_b).tolist(), strict=True) if not fine]
         if bad:
-            raise TrainingDivergedError(
-                f"step {step}: the ELBO term {name} is not finite for clip {bad[0]}"
-                f"{f' and {len(bad) - 1} more' if len(bad) > 1 else ''}; try a smaller --optimization.learning-rate."
+            more = f" and {len(bad) - 1} more" if len(bad) > 1 else ""
+            return (
+                f"step {step}: the ELBO term {name} is not finite for clip {bad[0]}{more}; "
+                "try a smaller --optimization.learning-rate."
             )
-    raise TrainingDivergedError(f"step {step}: the loss is not finite though each of its terms is.")
+    return f"step {step}: the loss is not finite though each of its terms is."
 
 
 def _describe_gradient(module: torch.nn.Module, batch: ClipBatch, step: int) -> str:

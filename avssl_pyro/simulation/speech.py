@@ -75,6 +75,10 @@ def active_excerpt(
     return speech_n[start : start + num_samples]
 
 
+STRETCHES_TRIED = 5
+AUDIBLE = 1e-4
+
+
 @dataclass(frozen=True)
 class SpeechFolder:
     """Speech from any WAV or FLAC files, any rate, any number of channels (mixed down), found under a folder.
@@ -100,8 +104,12 @@ class SpeechFolder:
 
     def draw(self, rng: np.random.Generator, num_samples: int) -> npt.NDArray[np.float32]:
         path = self.paths[int(rng.integers(len(self.paths)))]
-        speech_n = read_stretch(path, num_samples / SAMPLE_RATE, rng)
-        return normalize(active_excerpt(speech_n, num_samples, rng), str(path))
+        # A long recording may be silent for a stretch; one that is silent wherever it is looked at is refused.
+        for attempt in range(STRETCHES_TRIED):
+            excerpt_n = active_excerpt(read_stretch(path, num_samples / SAMPLE_RATE, rng), num_samples, rng)
+            if attempt == STRETCHES_TRIED - 1 or np.abs(excerpt_n).max() > AUDIBLE:
+                break
+        return normalize(excerpt_n, str(path))
 
 
 def read_stretch(path: Path, seconds: float, rng: np.random.Generator) -> npt.NDArray[np.float32]:

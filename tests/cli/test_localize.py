@@ -145,6 +145,22 @@ def text_as_image(image: Path, audio: Path) -> list[str]:
     return []
 
 
+def empty_image(image: Path, audio: Path) -> list[str]:
+    image.write_bytes(b"")
+    return []
+
+
+def huge_samples(image: Path, audio: Path) -> list[str]:
+    samples, rate = soundfile.read(audio)
+    samples[5, 1] = 1e30
+    soundfile.write(audio, samples, rate, subtype="FLOAT")
+    return []
+
+
+def unknown_device(image: Path, audio: Path) -> list[str]:
+    return ["--device", "cuda:99"]
+
+
 def too_long(image: Path, audio: Path) -> list[str]:
     soundfile.write(audio, np.zeros((16_000 * 11, 4)), 16_000)
     return []
@@ -179,6 +195,9 @@ def unknown_array(image: Path, audio: Path) -> list[str]:
         (missing_audio, "clip.wav: no such audio file"),
         (text_as_audio, "clip.wav: cannot be read as audio"),
         (text_as_image, "pano.png: cannot be read as an image"),
+        (empty_image, "pano.png: cannot be read as an image"),
+        (huge_samples, "clip.wav: a sample is as large as 1e+30"),
+        (unknown_device, "device 'cuda:99' cannot be used here"),
         (too_long, "clip.wav: 11.0 s long; a clip may last up to 10 s"),
         (broken_yaml, "array.yaml: not valid YAML"),
         (other_count, "trained for array 'circle4' with 4 microphones, but 'circle6' has 6"),

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.train import main, parse
@@ -67,6 +68,11 @@ def test_other_settings_in_the_same_folder_are_refused(
         (["--array", "respeaker4"], "respeaker4"),
         (["--data", "nowhere"], "nowhere"),
         (["--optimization.batch-size", "100"], "10 clips do not fill one batch of 100"),
+        pytest.param(
+            ["--accelerator", "cuda"],
+            "--accelerator cuda",
+            marks=pytest.mark.skipif(torch.cuda.is_available(), reason="there is one"),
+        ),
     ],
 )
 def test_bad_input_gets_one_sentence(
@@ -83,6 +89,8 @@ def test_bad_input_gets_one_sentence(
     assert exit_info.value.code == 2
     assert says in capsys.readouterr().err.splitlines()[-1]
     assert not (tmp_path / "run" / CHECKPOINT_NAME).exists()
+    # What was wrong must not stand in the way of the corrected command.
+    assert main(options(scene_folder, tmp_path / "run")) == 0
 
 
 def test_a_full_disk_keeps_the_last_checkpoint(

@@ -87,13 +87,22 @@ def test_it_finds_the_sources_and_their_levels(x_bfmt: Tensor) -> None:
     assert pi_bk.numpy() == pytest.approx(np.array([[0.4, 0.4, 0.2]] * 2), abs=0.1)
 
 
-def test_without_data_to_speak_of_the_spread_is_the_priors() -> None:
+def test_silence_stays_finite() -> None:
     silent = torch.zeros(1, F, 6, T, dtype=torch.complex128)
     ascent = MixtureAscent(observe(silent), TEMPLATE_DFMM, 0.05, prior(4.0), alpha=0.01)
     point = ascent.step(torch.zeros(1, K, D).double(), torch.full((1, K), 1 / K).double())
     assert torch.isfinite(point.log_w_bkd).all()
     assert torch.isfinite(point.log_likelihood_b).all()
-    assert (point.precision_bkd >= 4.0).all()
+
+
+def test_a_weight_is_so_many_copies_of_every_frame(x_bfmt: Tensor) -> None:
+    thrice = x_bfmt.repeat_interleave(3, dim=-1)
+    weighted = MixtureAscent(observe(x_bfmt), TEMPLATE_DFMM, 0.05, prior(2.0), alpha=0.5, weight=3.0).step(*start())
+    copied = MixtureAscent(observe(thrice), TEMPLATE_DFMM, 0.05, prior(2.0), alpha=0.5).step(*start())
+    torch.testing.assert_close(weighted.log_w_bkd, copied.log_w_bkd)
+    torch.testing.assert_close(weighted.precision_bkd, copied.precision_bkd)
+    torch.testing.assert_close(weighted.counts_bk, copied.counts_bk)
+    torch.testing.assert_close(weighted.log_likelihood_b, copied.log_likelihood_b)
 
 
 def test_more_data_means_less_spread(x_bfmt: Tensor) -> None:

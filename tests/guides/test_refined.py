@@ -73,6 +73,21 @@ def test_sites_and_shapes_are_those_of_every_guide(start: AmortizedGuide, data: 
     assert {name for name in trace.stochastic_nodes if name != "clip"} == {"direction_weights", "mixing_levels"}
 
 
+def test_the_shipped_thinning_finds_the_same_sources_and_levels(
+    start: AmortizedGuide, data: tuple[Tensor, Tensor]
+) -> None:
+    whole, thinned = (
+        RefinedGuide(start, STEERING_FDM, config).parameters_of(*data)
+        for config in (replace(WHOLE, rounds=60), RefinementConfig(rounds=60))
+    )
+    assert thinned.concentration_bk.sum(-1).numpy() == pytest.approx(whole.concentration_bk.sum(-1).numpy(), rel=1e-3)
+    for parameters in (whole, thinned):
+        loud = parameters.concentration_bk.topk(2, dim=-1).indices
+        peaks = parameters.mu_bkd.argmax(-1).gather(-1, loud).sort(-1).values
+        assert peaks.float().numpy() == pytest.approx(np.array([TRUE_DIRECTIONS] * B), abs=1)
+    assert mean_loss(RefinedGuide(start, STEERING_FDM, RefinementConfig()), data) < mean_loss(start, data)
+
+
 def test_a_clip_does_not_depend_on_its_batch(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
     x_bfmt, image_bcij = data
     guide = RefinedGuide(start, STEERING_FDM, replace(WHOLE, tolerance=1e-3))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -144,6 +145,28 @@ def test_bfloat16_networks_leave_the_likelihood_in_full_precision(dataset: Scene
         )
         runs[precision] = read_log(tmp_path / precision)[0]["log_likelihood"]
     assert runs["bf16-mixed"] == pytest.approx(runs["32-true"], abs=0.02)
+
+
+def test_a_finished_run_whose_checkpoint_is_gone_writes_it_again(dataset: SceneDataset, tmp_path: Path) -> None:
+    system = small_system()
+    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric())
+    kept = (tmp_path / CHECKPOINT_NAME).read_bytes()
+    (tmp_path / CHECKPOINT_NAME).unlink()
+    train(small_system(seed=1), dataset, replace(CONFIG, epochs=1), tmp_path, fabric())
+    assert (tmp_path / CHECKPOINT_NAME).read_bytes() == kept
+
+
+@pytest.mark.parametrize("num_workers", [0, 1])
+def test_an_altered_shard_is_told_in_one_sentence(scene_folder: Path, tmp_path: Path, num_workers: int) -> None:
+    folder = tmp_path / "scenes"
+    shutil.copytree(scene_folder, folder)
+    shard = min(folder.glob("*.tar"))
+    content = bytearray(shard.read_bytes())
+    content[len(content) // 2] ^= 1
+    shard.write_bytes(content)
+    altered = SceneDataset(folder, PRESETS["circle4"])
+    with pytest.raises(InputError, match=rf"^[^\n]*{shard.name}[^\n]*$"):
+        train(small_system(), altered, replace(CONFIG, num_workers=num_workers), tmp_path / "run", fabric())
 
 
 @pytest.mark.parametrize("damage", [b"", b"not a checkpoint", None])

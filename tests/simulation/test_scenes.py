@@ -19,7 +19,7 @@ from avssl_pyro.simulation.people import PeopleFolder
 from avssl_pyro.simulation.scenes import Scene, SceneSimulator
 from avssl_pyro.simulation.speech import SpeechFolder
 
-CONVENTION_SCENES = 10
+CONVENTION_SCENES, SCENES_PER_PART = 200, 20
 UNION, CIRCLE6 = PRESETS["circle246"], PRESETS["circle6"]
 CHANNELS6 = [int(np.linalg.norm(UNION.positions - mic, axis=1).argmin()) for mic in CIRCLE6.positions]
 
@@ -45,9 +45,11 @@ def test_the_subset_of_the_union_is_the_circle() -> None:
     np.testing.assert_allclose(UNION.positions[CHANNELS6], CIRCLE6.positions, atol=1e-8)
 
 
-def test_audio_image_and_label_agree() -> None:
+# In parts, which test processes can share.
+@pytest.mark.parametrize("first", range(0, CONVENTION_SCENES, SCENES_PER_PART))
+def test_audio_image_and_label_agree(first: int) -> None:
     simulator = SceneSimulator(seed=77)
-    for index in range(CONVENTION_SCENES):
+    for index in range(first, first + SCENES_PER_PART):
         layout = simulator.layout(index)
         for talker, direct_mn in zip(layout.talkers, simulator.render_direct(index), strict=True):
             assert apart_deg(srp_phat_azimuth(direct_mn[CHANNELS6]), talker.azimuth) <= 5.0
