@@ -16,13 +16,12 @@ import pyro
 import pyro.distributions as dist
 import torch
 from pyro.distributions import TorchDistribution
-from pyro.nn import PyroModule
 from pyro.ops.indexing import Vindex
 from torch import Size, Tensor
 from torch.distributions import constraints
 
 from avssl_pyro.distributions.profiled_gaussian import RELATIVE_POWER_FLOOR
-from avssl_pyro.models.priors import DirectionPrior, LevelPrior, LogNormalWeights, SparseDirichlet
+from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 
 class ProfiledBin(TorchDistribution):
@@ -57,27 +56,14 @@ class ProfiledBin(TorchDistribution):
         return -m * torch.log(math.pi * (quad / m + self.power_floor)) - self.logdet - m
 
 
-class ExplicitMaskCGMM(PyroModule):
+class ExplicitMaskCGMM(SpatialCGMM):
     """:class:`SpatialCGMM` with a ``mask`` site per time-frequency bin; memory-hungry, for tests and small clips.
 
-    Args:
-        steering_fdm: steering vectors a_fd, complex (F, D, M).
-        num_sources, level_prior, direction_prior, diffuse: as in :class:`SpatialCGMM`.
+    Takes the arguments of :class:`SpatialCGMM`.
     """
 
-    def __init__(
-        self,
-        steering_fdm: Tensor,
-        num_sources: int = 4,
-        level_prior: LevelPrior = SparseDirichlet(alpha=0.01),  # noqa: B008
-        direction_prior: DirectionPrior = LogNormalWeights(sigma=1.0),  # noqa: B008
-        diffuse: float = 0.1,
-    ) -> None:
-        super().__init__()
-        self.num_sources = num_sources
-        self.level_prior = level_prior
-        self.direction_prior = direction_prior
-        self.diffuse = diffuse
+    def __init__(self, steering_fdm: Tensor, *args: Any, **kwargs: Any) -> None:
+        super().__init__(steering_fdm, *args, **kwargs)
         self.steering_pairs: Tensor
         self.register_buffer("steering_pairs", torch.view_as_real(steering_fdm), persistent=False)
 

@@ -80,7 +80,7 @@ def evaluate_with(options: EvaluateOptions) -> None:
     if system.config.guide.audio_net:
         refined = Localizer(system, options.device, refinement=system.refinement(rounds=options.rounds))
         methods.append(PosteriorMethod("refined", refined.posteriors, grid))
-    scenes = partial(labelled_scenes, options, array)
+    scenes = partial(labeled_scenes, options, array)
     runs = run_methods(
         methods,
         scenes(options.validation, VALIDATION, options.validation_scenes),
@@ -92,7 +92,7 @@ def evaluate_with(options: EvaluateOptions) -> None:
     print(f"{options.out / 'report.json'}: written, and report.md beside it.")
 
 
-class LabelledScenes(Sequence[tuple[Clip, SceneLabels]]):
+class LabeledScenes(Sequence[tuple[Clip, SceneLabels]]):
     """A data set with its labels, read as it is walked through."""
 
     def __init__(self, dataset: SceneDataset) -> None:
@@ -111,10 +111,10 @@ class LabelledScenes(Sequence[tuple[Clip, SceneLabels]]):
             yield self._dataset[index], self._dataset.labels(index)
 
 
-def labelled_scenes(
+def labeled_scenes(
     options: EvaluateOptions, array: MicrophoneArray, folders: tuple[Path, ...], split: Split, num_scenes: int
-) -> LabelledScenes:
+) -> LabeledScenes:
     """Scenes of the given folders, or the default ones of the split."""
     if folders:
-        return LabelledScenes(SceneDataset(folders, array))
-    return LabelledScenes(default_dataset(options.cache, split, options.condition, num_scenes, array))
+        return LabeledScenes(SceneDataset(folders, array))
+    return LabeledScenes(default_dataset(options.cache, split, options.condition, num_scenes, array))

@@ -134,9 +134,9 @@ class MixtureAscent:
 
         # P was that of weights summing to 1; the bound is that of the weights themselves.
         weight_bkd = self._weight * log_w_bkd.softmax(-1)
-        best_bkd, precision_bkd = self._maximise(log_w_bkd, weight_bkd * pull_bkd, weight_bkd * push_bkd)
+        best_bkd, precision_bkd = self._maximize(log_w_bkd, weight_bkd * pull_bkd, weight_bkd * push_bkd)
         stretch_b11 = torch.as_tensor(stretch_b, dtype=pi_bk.dtype, device=pi_bk.device).reshape(-1, 1, 1)
-        log_w_bkd = torch.lerp(self._centre(log_w_bkd), best_bkd, stretch_b11)
+        log_w_bkd = torch.lerp(self._center(log_w_bkd), best_bkd, stretch_b11)
         counts_bk = self._weight * count_bfk.sum(-2) + self._alpha
         return MixturePoint(log_w_bkd, precision_bkd, counts_bk, self._weight * evidence_bft.sum((-2, -1)))
 
@@ -146,17 +146,17 @@ class MixtureAscent:
         projected_bkd = form_coefficients(matrix_bkfmm).flatten(-2) @ self._features_cd
         return (projected_bkd + self._diffuse * trace_bk1).clamp_min(0)
 
-    def _maximise(self, old_bkd: Tensor, pull_bkd: Tensor, push_bkd: Tensor) -> tuple[Tensor, Tensor]:
+    def _maximize(self, old_bkd: Tensor, pull_bkd: Tensor, push_bkd: Tensor) -> tuple[Tensor, Tensor]:
         """argmax over u of - pull e^(old - u) - push e^(u - old) - precision (u - mean)^2 / 2, and the curvature."""
         # The likelihood does not depend on the scale of w: put it where the prior likes it before comparing with it.
         change = torch.zeros_like(old_bkd)
-        centred_bkd = self._centre(old_bkd)
+        centered_bkd = self._center(old_bkd)
         for _ in range(NEWTON_STEPS):
             falling, rising = pull_bkd * (-change).exp(), push_bkd * change.exp()
-            gradient = falling - rising - self._prior.precision * (centred_bkd + change - self._prior.mean)
+            gradient = falling - rising - self._prior.precision * (centered_bkd + change - self._prior.mean)
             change = change + (gradient / (falling + rising + self._prior.precision)).clamp(-LONGEST_STEP, LONGEST_STEP)
         precision_bkd = pull_bkd * (-change).exp() + push_bkd * change.exp() + self._prior.precision
-        return self._centre(centred_bkd + change), precision_bkd
+        return self._center(centered_bkd + change), precision_bkd
 
-    def _centre(self, log_w_bkd: Tensor) -> Tensor:
+    def _center(self, log_w_bkd: Tensor) -> Tensor:
         return log_w_bkd - (log_w_bkd - self._prior.mean).mean(-1, keepdim=True)

@@ -68,8 +68,8 @@ def peak_azimuth(weights_d: npt.NDArray[np.float64], grid: DirectionGrid) -> flo
     The parabola is exact for a peak of Gaussian shape.
     """
     peak = int(weights_d.argmax())
-    neighbours = weights_d[[peak - 1, peak, (peak + 1) % len(weights_d)]]
-    before, top, after = np.log(np.maximum(neighbours, np.finfo(np.float64).tiny))
+    neighbors = weights_d[[peak - 1, peak, (peak + 1) % len(weights_d)]]
+    before, top, after = np.log(np.maximum(neighbors, np.finfo(np.float64).tiny))
     curvature = 2 * top - before - after
     # The azimuth falls as the index rises; a plateau has its peak anywhere, so take the middle of the block.
     offset = 0.5 * (after - before) / curvature if curvature > 0 else 0.0

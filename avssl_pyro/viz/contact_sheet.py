@@ -3,30 +3,19 @@
 import io
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from avssl_pyro.data.clip import IMAGE_MAX_ELEVATION_DEG, SAMPLE_RATE, Clip, SceneLabels
+from avssl_pyro.data.clip import IMAGE_MAX_ELEVATION_DEG, SAMPLE_RATE, Clip
+from avssl_pyro.data.encoding import LabeledScene
 
 TALKER_COLORS = ("#ffb000", "#00e0ff", "#ff5fa2", "#8cff66")
 SILENT_COLOR = "#ffffff"
 SHEET_COLUMNS = 2
 DOTS_PER_INCH = 100
-
-
-class LabeledScene(Protocol):
-    """A clip, its labels, and facts about it; levels are shown where ``facts["people"]`` has them."""
-
-    @property
-    def clip(self) -> Clip: ...
-    @property
-    def labels(self) -> SceneLabels: ...
-    @property
-    def facts(self) -> dict[str, Any]: ...
 
 
 def contact_sheet(scenes: Sequence[LabeledScene], title: str) -> bytes:

@@ -1,6 +1,9 @@
 """svi_train.py: presets, defaults, continuation, and refusals in one sentence."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -108,3 +111,24 @@ def test_a_full_disk_keeps_the_last_checkpoint(
     assert (tmp_path / CHECKPOINT_NAME).read_bytes() == kept
     assert not list(tmp_path.glob(".*partial"))
     assert json.loads((tmp_path / "run.json").read_text())["array"]["name"] == "circle2"
+
+
+@pytest.mark.timeout(240)
+@pytest.mark.parametrize("launcher", [["--devices", "2"], ["-m", "torch.distributed.run", "--nproc-per-node", "2"]])
+def test_the_whole_guide_trains_on_two_processes(scene_folder: Path, tmp_path: Path, launcher: list[str]) -> None:
+    script = str(Path(__file__).parents[2] / "scripts" / "svi_train.py")
+    arguments = [*options(scene_folder, tmp_path / "run"), "--accelerator", "cpu", "--devices", "2"]
+    torchrun = launcher if launcher[0] == "-m" else []
+    done = subprocess.run(
+        [sys.executable, *torchrun, script, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "OMP_NUM_THREADS": "1"},
+        timeout=200,
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    # Ten clips in global batches of eight: one step, told once.
+    assert [json.loads(line)["step"] for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()] == [1]
+    assert done.stdout.count("written") == 1
+    assert load_checkpoint(tmp_path / "run" / CHECKPOINT_NAME).config.array.name == "circle2"
