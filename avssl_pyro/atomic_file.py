@@ -5,6 +5,8 @@ import os
 import uuid
 from pathlib import Path
 
+from avssl_pyro.errors import InputError
+
 TEMPORARY_SUFFIX = ".partial"
 
 
@@ -12,8 +14,11 @@ def write_atomically(path: Path, content: bytes) -> None:
     """Writes to a hidden neighbour of ``path``, then renames it into place.
 
     Raises:
+        InputError: ``path`` is there and not a regular file, such as a device, which renaming would replace.
         OSError: with ``filename`` set to ``path``; nothing is left behind.
     """
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is not a regular file; name a file that may be made or replaced.")
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{TEMPORARY_SUFFIX}")
     try:
         with temporary.open("xb") as stream:

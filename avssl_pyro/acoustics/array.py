@@ -107,7 +107,7 @@ class MicrophoneArray:
         except (TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{where}: positions and speed of sound must be numbers ({error}).") from error
         try:
-            return cls(str(data.get("name", "array")), positions, speed_of_sound)  # type: ignore[arg-type]
+            return cls(str(data.get("name", Path(where).stem)), positions, speed_of_sound)  # type: ignore[arg-type]
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
 

@@ -1,11 +1,12 @@
 """Measures speed and memory: ratios of things timed alternately in one run, for absolute times drift."""
 
+import contextlib
 import resource
 import statistics
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -89,7 +90,8 @@ def main(args: Sequence[str] | None = None) -> None:
         table.add_row(name, f"{ms:.0f}", f"{1e3 * options.batch_size / ms:.1f}")
     console.print(table)
     console.print(f"Pyro / plain torch: {pyro_ms / plain_ms:.3f}    peak memory {training.peak_gib:.2f} GiB\n")
-    reading = _in_fresh_process(_reading, options)
+    with _scenes(options) as folders:
+        reading = _in_fresh_process(_reading, replace(options, data=folders))
     table = Table("reading shards", "clips/s", "of training", box=box.SIMPLE_HEAD)
     for name, ms in reading.milliseconds.items():
         table.add_row(name, f"{1e3 / ms:.0f}", f"{pyro_ms / options.batch_size / ms:.1f}")
@@ -102,6 +104,17 @@ def main(args: Sequence[str] | None = None) -> None:
         table.add_row(name, f"{ms:.1f}", f"{ms / music_ms:.2f}")
     console.print(table)
     console.print(f"peak memory {localizing.peak_gib:.2f} GiB")
+
+
+@contextlib.contextmanager
+def _scenes(options: BenchmarkOptions) -> Iterator[tuple[Path, ...]]:
+    if options.data:
+        yield options.data
+        return
+    with TemporaryDirectory() as folder:
+        simulator = SceneSimulator(array=resolve_array(options.array))
+        generate(plan_scenes(Path(folder), simulator, 2 * options.batch_size, options.batch_size), workers=1)
+        yield (Path(folder),)
 
 
 def _in_fresh_process(
@@ -160,29 +173,15 @@ def plain_loss(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> Tensor:
 
 
 def _reading(options: BenchmarkOptions) -> dict[str, float]:
-    if options.data:
-        return _read(options, options.data)
-    with TemporaryDirectory() as folder:
-        simulator = SceneSimulator(array=resolve_array(options.array))
-        generate(plan_scenes(Path(folder), simulator, 2 * options.batch_size, options.batch_size), workers=-1)
-        return _read(options, (Path(folder),))
-
-
-def _read(options: BenchmarkOptions, folders: tuple[Path, ...]) -> dict[str, float]:
-    """Milliseconds per clip with several numbers of reading processes."""
-    dataset = SceneDataset(folders, resolve_array(options.array))
+    """Milliseconds per clip, read as training does by default: in its own process."""
+    dataset = SceneDataset(options.data, resolve_array(options.array))
     sampler = WindowShuffleSampler(dataset.shard_sizes, options.batch_size)
     epochs = -(-(10 * options.repeats + 1) // sampler.steps_per_epoch)
-    order = [indices for epoch in range(epochs) for indices in sampler.at(epoch)]
-    milliseconds = {}
-    for workers in (0, 1, 2):
-        batches = iter(make_loader(dataset, order, workers))
-        # Starting processes is not reading.
-        next(batches)
-        start = time.perf_counter()
-        clips = sum(len(batch) for batch in batches)
-        milliseconds[f"{workers} worker processes"] = 1e3 * (time.perf_counter() - start) / clips
-    return milliseconds
+    batches = iter(make_loader(dataset, [indices for epoch in range(epochs) for indices in sampler.at(epoch)]))
+    next(batches)
+    start = time.perf_counter()
+    clips = sum(len(batch) for batch in batches)
+    return {"into batches": 1e3 * (time.perf_counter() - start) / clips}
 
 
 def _localizing(options: BenchmarkOptions) -> dict[str, float]:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,7 +44,7 @@ class LocalizeOptions:
     manifest: Annotated[Path | None, tyro.conf.arg(metavar="CLIPS.csv")] = None
     """Instead of --image and --audio: a CSV file with columns audio and image; paths are relative to it."""
     array: str | None = None
-    """Preset or YAML file of the array that recorded; by default, and at most, the checkpoint's."""
+    """Preset or YAML file of the array that recorded. The checkpoint knows its own; give it to have that checked."""
     overlay: Path | None = None
     """Picture to write; a folder in case of a manifest."""
     refine: int = 0
@@ -73,6 +74,11 @@ def main(args: Sequence[str] | None = None) -> None:
     system = load_checkpoint(options.checkpoint)
     if options.array is not None:
         check_array(system, resolve_array(options.array), str(options.checkpoint))
+    for name, value in (("level", options.level_threshold), ("peak", options.peak_threshold)):
+        if not 0 <= value <= 1:
+            raise InputError(f"--{name}-threshold is {value}; give a number from 0 to 1.")
+    if options.overlay is not None and options.manifest is None and options.overlay.suffix.lower() != ".png":
+        raise InputError(f"--overlay {options.overlay}: pictures are written as PNG; give a name that ends in .png.")
     if options.refine < 0:
         raise InputError(f"--refine is {options.refine}; give a number of rounds, or 0 for none.")
     refinement = system.refinement(rounds=options.refine) if options.refine else None
@@ -80,7 +86,7 @@ def main(args: Sequence[str] | None = None) -> None:
     thresholds = SourceThresholds(options.level_threshold, options.peak_threshold)
     # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
     for entry in inputs:
-        _read(entry, localizer)
+        _warn_of_dead_channels(_read(entry, localizer), entry.audio)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     lines = list(_results(inputs, options, localizer, thresholds))
     write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())
@@ -148,6 +154,12 @@ def read_manifest(path: Path) -> list[_Input]:
 def _read(entry: _Input, localizer: Localizer) -> Clip:
     array = localizer.config.array
     return read_clip(entry.image, entry.audio, array.num_microphones, array.name)
+
+
+def _warn_of_dead_channels(clip: Clip, path: Path) -> None:
+    dead = [str(channel) for channel, audio_n in enumerate(clip.audio_mn, start=1) if not audio_n.any()]
+    if dead:
+        print(f"warning: {path}: channel {', '.join(dead)} is silent throughout.", file=sys.stderr)
 
 
 def _results(

@@ -148,8 +148,16 @@ def draw_curves(run_dir: Path) -> None:
     records = read_log(run_dir)
     if not records:
         return
-    names = [name for name in records[-1] if name not in {"step", "epoch"}]
-    series = {name: [record.get(name, float("nan")) for record in records] for name in names}
+    titles = {
+        "elbo_gain": "ELBO per bin, above isotropic noise",
+        "kl_direction_weights": "KL of direction weights, per bin",
+        "kl_mixing_levels": "KL of mixing levels, per bin",
+        "beta": "beta",
+        "learning_rate": "learning rate",
+    }
+    series = {title: [record[name] for record in records] for name, title in titles.items() if name in records[-1]}
+    sigmas = [name for name in records[-1] if name.startswith("sigma_")]
+    series["sigma, mean over classes"] = [sum(record[name] for name in sigmas) / len(sigmas) for record in records]
     save_curves(run_dir / "curves.png", [record["step"] for record in records], series)
 
 

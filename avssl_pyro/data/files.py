@@ -93,6 +93,8 @@ def fit_image(image_ijc: npt.NDArray[np.uint8], where: str) -> npt.NDArray[np.ui
             f"{where}: {columns} x {rows} pixels; a 360-degree image is twice as wide as high (full sphere), or has "
             f"the proportions {IMAGE_COLUMNS} x {IMAGE_ROWS} (elevations -55 to 55 degrees)."
         )
+    if columns < IMAGE_COLUMNS // 2:
+        raise InputError(f"{where}: only {columns} pixels wide; give an image of at least {IMAGE_COLUMNS // 2}.")
     if image_ijc.shape[:2] == (IMAGE_ROWS, IMAGE_COLUMNS):
         return image_ijc
     shrinks = image_ijc.shape[1] >= IMAGE_COLUMNS

@@ -68,6 +68,14 @@ def quadratic_form(observed: ObservedSpectrogram, inverse_bkfmm: Tensor) -> Tens
     return coefficients_bfkc @ features_bfct
 
 
+def isotropic_log_likelihood(observed: ObservedSpectrogram) -> Tensor:
+    """log p(x) with H = I in every bin, (B...): what a model knows that has no directions, for comparison."""
+    m = observed.num_microphones
+    power_bft = observed.features_bfct[..., :m, :].sum(-2) + m * observed.floor_b[..., None, None]
+    bias_b = 2 * m * observed.log_scale_b + m * (1 + math.log(math.pi / m))
+    return (-m * power_bft.log() - bias_b[..., None, None]).sum((-2, -1))
+
+
 def component_log_likelihood(observed: ObservedSpectrogram, scm_bkfmm: Tensor) -> Tensor:
     """log N_C(x_tf; 0, lambda_tfk H_fk) with lambda_tfk = x^H H^-1 x / M of Eq. (14), (B..., F, K, T).
 

@@ -1,6 +1,7 @@
 """Runs a trained system on clips: one forward pass of the guide gives the posterior of each."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -75,7 +76,10 @@ class Localizer:
         with torch.no_grad():
             x_bfmt = stft(batch.audio_bmn, self.config.stft)
             parameters = self.guide.parameters_of(x_bfmt, batch.image_float())
-            return self._summaries(parameters)
+            summaries = self._summaries(parameters)
+        return [
+            summary if clip.audio_mn.any() else _silent(summary) for clip, summary in zip(clips, summaries, strict=True)
+        ]
 
     def _summaries(self, parameters: GuideParameters) -> list[ScenePosterior]:
         share_bkd = parameters.mu_bkd.softmax(-1)
@@ -111,3 +115,14 @@ class Localizer:
         offset_sbk = wrap_angle(azimuths_d[drawn_sbk.numpy()] - azimuths_d[mu_bkd.argmax(-1).numpy()])
         variance_bk = np.mean(offset_sbk**2, axis=0) + self.config.grid.spacing**2 / 12
         return torch.from_numpy(np.sqrt(variance_bk))
+
+
+def _silent(posterior: ScenePosterior) -> ScenePosterior:
+    """What is known of a clip in which nothing sounds, whatever the picture suggests: every direction is alike."""
+    k, d = posterior.direction_weights_kd.shape
+    return replace(
+        posterior,
+        direction_weights_kd=np.full((k, d), 1 / d),
+        mixing_levels_k=np.full(k, 1 / k),
+        azimuth_std_k=np.full(k, np.pi / np.sqrt(3)),
+    )

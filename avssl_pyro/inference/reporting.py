@@ -64,7 +64,8 @@ class Reporter:
         for name, value in values.items():
             self._events.add_scalar(name, value, step)
         kl = "".join(f" - {name} {value:.4f}" for name, value in values.items() if name.startswith("kl_"))
-        self._bar.set_postfix_str(f"elbo {-values['loss']:.4f} = lik {values['log_likelihood']:.4f}{kl}")
+        gain = f"gain {values['elbo_gain']:.3f}; " if "elbo_gain" in values else ""
+        self._bar.set_postfix_str(f"{gain}elbo {-values['loss']:.3f} = lik {values['log_likelihood']:.3f}{kl}")
 
     def close(self) -> None:
         """Ends the bar and closes the files."""

@@ -23,6 +23,7 @@ from avssl_pyro.data.batch import ClipBatch
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.loader import make_loader
 from avssl_pyro.data.sampling import WindowShuffleSampler
+from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.inference.checkpoint import save_checkpoint
@@ -156,6 +157,7 @@ def train(
             if step % config.log_every == 0 or done:
                 epoch = step / sampler.steps_per_epoch
                 values = {"epoch": epoch, "loss": loss.item(), "learning_rate": learning_rate}
+                values["elbo_gain"] = _gain(estimator.terms, x_bfmt)
                 reporter.record(step, values | _terms(estimator.terms, f * t) | _scales(system))
             stopping = not done and (_anyone(stop.requested, fabric) or step == stop_after)
             if stopping or done or time.monotonic() - last_save > 60 * config.checkpoint_minutes:
@@ -255,6 +257,13 @@ def _describe_gradient(module: torch.nn.Module, batch: ClipBatch, step: int) -> 
     return (
         f"step {step}: the gradient {where} is not finite in the batch with clips {batch.keys[0]} to {batch.keys[-1]}."
     )
+
+
+@torch.no_grad()
+def _gain(terms: ElboTerms, x_bfmt: torch.Tensor) -> float:
+    """ELBO per time-frequency bin above that of noise from nowhere, which takes out how loud and how long a clip is."""
+    _, f, _, t = x_bfmt.shape
+    return ((terms.elbo_b - isotropic_log_likelihood(observe(x_bfmt))).mean() / (f * t)).item()
 
 
 def _terms(terms: ElboTerms, bins: int) -> dict[str, float]:
