@@ -173,8 +173,10 @@ def _make(
     plan: GenerationPlan, missing: list[int], workers: int | None, progress: bool
 ) -> Iterator[tuple[int, ShardRecord]]:
     pickled = pickle.dumps(plan.simulator)
+    # joblib keeps its processes, and they keep the working directory they were started in.
+    folder = plan.folder.resolve()
     tasks = (
-        joblib.delayed(_make_shard)(plan.folder, number, plan.spec.scenes_of(number), pickled, os.getpid())
+        joblib.delayed(_make_shard)(folder, number, plan.spec.scenes_of(number), pickled, os.getpid())
         for number in missing
     )
     results = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")(tasks)

@@ -63,7 +63,7 @@ def test_bad_input_is_one_sentence_with_exit_code_2(tmp_path: Path) -> None:
     ("args", "words"),
     [
         ([], "say what to do"),
-        (["--out", "x", "--scenes", "0"], "num_scenes is 0"),
+        (["--out", "x", "--scenes", "0"], "--scenes is 0"),
         (["--out", "x", "--shard-size", "-1"], "scenes_per_shard is -1"),
         (["--out", "x", "--seed", "-1"], "--seed is -1"),
         (["--out", "x", "--array", "circle7"], "neither a preset"),

@@ -59,3 +59,14 @@ def test_material_is_known_by_its_files_not_by_its_place(tmp_path: Path) -> None
     assert material_identity(here) == material_identity(there)
     assert material_identity(here) != material_identity(other)
     assert material_identity(SIMULATOR.people) == {"name": "procedural"}
+
+
+def test_a_relative_folder_means_the_same_to_workers_started_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        monkeypatch.chdir(tmp_path / name)
+        # joblib reuses its processes, which stay in the first folder.
+        generate(plan_scenes(Path("scenes"), SIMULATOR, 2, scenes_per_shard=1), workers=2, progress=False)
+        assert (tmp_path / name / "scenes" / "scenes-000001.tar").is_file()
