@@ -116,7 +116,8 @@ class MixtureAscent:
         """
         m = self._observed.num_microphones
         tiny = torch.finfo(pi_bk.dtype).tiny
-        scm_bkfmm = spatial_covariance(log_w_bkd.softmax(-1), self._template_dfmm, self._diffuse)
+        share_bkd = log_w_bkd.softmax(-1)
+        scm_bkfmm = spatial_covariance(share_bkd, self._template_dfmm, self._diffuse)
         inverse_bkfmm, logdet_bkf = inverse_and_logdet(scm_bkfmm)
         floor = m * self._observed.floor_b[..., None, None, None]
         quad_bfkt = quadratic_form(self._observed, inverse_bkfmm).clamp_min_(0).add_(floor)
@@ -133,7 +134,7 @@ class MixtureAscent:
         push_bkd = self._project(count_bfk.transpose(-2, -1)[..., None, None] * inverse_bkfmm)
 
         # P was that of weights summing to 1; the bound is that of the weights themselves.
-        weight_bkd = self._weight * log_w_bkd.softmax(-1)
+        weight_bkd = self._weight * share_bkd
         best_bkd, precision_bkd = self._maximize(log_w_bkd, weight_bkd * pull_bkd, weight_bkd * push_bkd)
         stretch_b11 = torch.as_tensor(stretch_b, dtype=pi_bk.dtype, device=pi_bk.device).reshape(-1, 1, 1)
         log_w_bkd = torch.lerp(self._center(log_w_bkd), best_bkd, stretch_b11)
