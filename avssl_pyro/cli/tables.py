@@ -1,6 +1,7 @@
 """The paper's experiment: every condition with every array, each cell kept as soon as it is finished."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -50,18 +51,16 @@ def make_tables(line_ups: Sequence[LineUp], scenes_of: ScenesOf, out: Path) -> N
         kept = store.path(name, facts)
         state = "kept from before" if kept.exists() else f"{len(validation)} validation and {len(test)} test scenes"
         print(f"{condition}, array '{array.name}' (cell {number} of {len(places)}): {state}.", flush=True)
-        cells.append(
-            store.get_or_run(
-                name,
-                facts,
-                lambda: run_cell(condition, array, line_up.methods(), validation, test),  # noqa: B023 (runs at once)
-            )
-        )
+        cells.append(store.get_or_run(name, facts, partial(_run, condition, line_up, validation, test)))
         settings.append({"condition": condition, "array": array.name, "cell": kept.name, **facts})
     report = score_cells(cells, {"cells": settings})
     report.write(out)
     save_roc(out / "roc.png", _roc_panels(cells))
     _print(report, out)
+
+
+def _run(condition: str, line_up: LineUp, validation: LabeledScenes, test: LabeledScenes) -> Cell:
+    return run_cell(condition, line_up.system.config.array, line_up.methods(), validation, test)
 
 
 def _roc_panels(cells: Sequence[Cell]) -> dict[str, dict[str, Curve]]:

@@ -39,12 +39,13 @@ class CellStore:
         path = self.path(name, facts)
         if path.exists():
             return _read(path)
-        cell = run()
+        data = cell_to_dict(run())
         self.folder.mkdir(parents=True, exist_ok=True)
         remove_temporaries(self.folder)
-        content = {"format": FORMAT, "of": facts, **cell_to_dict(cell)}
+        content = {"format": FORMAT, "of": facts, **data}
         write_atomically(path, json.dumps(content, allow_nan=False).encode())
-        return cell
+        # As it will be read again, so that a run that was stopped and one that was not say the same to the last digit.
+        return cell_from_dict(data)
 
 
 def _read(path: Path) -> Cell:

@@ -100,16 +100,17 @@ def talking_table(cells: Sequence[Cell]) -> ResultTable:
         for method in order_methods(belief.method for cell in with_silent for belief in cell.beliefs)
     )
     people = [
-        f"M={cell.microphones}: {len(cell.beliefs[0].talking)} talking, {len(cell.beliefs[0].silent)} silent people"
+        f"{cell.condition} M={cell.microphones}: {len(first.talking)} talking, {len(first.silent)} silent people"
         for cell in with_silent
+        for first in cell.beliefs[:1]
     ]
     notes = (
         "Area under the ROC curve; 0.5 is chance. A person has the level of the nearest source class within "
         f"{WITHIN_DEG:g}°, diffuse ones aside, and 0 without one.",
         *(["; ".join(people) + "."] if people else []),
     )
-    columns = tuple(f"M={cell.microphones}" for cell in with_silent)
-    return ResultTable("Does the level tell who talks? (some-silent)", columns, lines, notes)
+    columns = tuple(f"{cell.condition} M={cell.microphones}" for cell in with_silent)
+    return ResultTable("Does the level tell who talks?", columns, lines, notes)
 
 
 def timing_table(cells: Sequence[Cell]) -> ResultTable:

@@ -14,9 +14,10 @@ from avssl_pyro.inference.system import System
 
 
 def system_band_hz(system: System) -> tuple[float, float]:
-    """Lowest and highest frequency that a system listens to."""
-    frequencies_f = system.config.stft.frequencies
-    return float(frequencies_f[0]), float(frequencies_f[-1])
+    """The band a system listens to, up to and without the next bin, as pyroomacoustics leaves out the upper end."""
+    config = system.config.stft
+    frequencies_f = config.frequencies
+    return float(frequencies_f[0]), float(frequencies_f[-1] + config.sample_rate / config.window)
 
 
 @dataclass(frozen=True)

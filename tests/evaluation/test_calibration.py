@@ -1,4 +1,5 @@
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def test_bins_go_from_sure_to_unsure_and_hold_every_source_once():
     spread = normal_errors(1000)
     bins = reliability(spread, 4)
     assert [part.sources for part in bins] == [250] * 4
-    assert all(before.high < after.low for before, after in zip(bins, bins[1:], strict=False))
+    assert all(before.high < after.low for before, after in pairwise(bins))
     assert all(part.low <= part.predicted <= part.high for part in bins)
 
 
