@@ -53,7 +53,7 @@ def main(args: Sequence[str] | None = None) -> None:
     )
     evaluate_with(
         EvaluateOptions(
-            checkpoint,
+            (checkpoint,),
             options.out,
             cache=options.cache,
             validation_scenes=options.validation_scenes,

@@ -1,47 +1,54 @@
-"""Scores a trained system beside audio-only baselines on labelled scenes."""
+"""Scores trained systems beside audio-only baselines on labelled scenes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.cli.tables import make_tables
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TEST, VALIDATION, Split, default_dataset
-from avssl_pyro.evaluation.baselines import default_baselines
+from avssl_pyro.data.labeled_scenes import LabeledScenes
+from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ
 from avssl_pyro.evaluation.experiment import run_methods, score_runs
-from avssl_pyro.evaluation.methods import Method
-from avssl_pyro.evaluation.posterior_method import PosteriorMethod
+from avssl_pyro.evaluation.line_up import LineUp, system_band_hz
 from avssl_pyro.evaluation.report import print_table, write_report
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.system import System
 
 
 @dataclass(frozen=True)
 class EvaluateOptions:
     """Precision, recall, F-measure, count accuracy and error of a checkpoint, of MUSIC, NormMUSIC and SRP-PHAT.
 
-    Thresholds of every method are tuned on the validation scenes and applied to the test scenes.
+    Thresholds of every method are tuned on the validation scenes and applied to the test scenes. With --tables, the
+    paper's Tables I-III: both conditions, every array given, the paper's figures beside ours, tolerances, calibration.
     """
 
-    checkpoint: Path
-    """Checkpoint of svi_train.py (.safetensors)."""
+    checkpoint: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    """Checkpoint of svi_train.py (.safetensors); with --tables one per number of microphones, the option repeated."""
     out: Path = Path("runs/evaluation")
-    """Folder for report.json and report.md."""
-    no_audio_checkpoint: Path | None = None
-    """A checkpoint trained with --guide.no-audio-net; by default the row no-audio-net is the same visual network with
-    all mixing levels at 1/K."""
+    """Folder for report.json and report.md, or tables.json, tables.md, roc.png and cells/."""
+    tables: bool = False
+    """Make the paper's tables. Finished cells are kept in --out: the same command goes on where it stopped."""
+    no_audio_checkpoint: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
+    """Checkpoints trained with --guide.no-audio-net, one per array; by default the row no-audio-net is the same visual
+    network with all mixing levels at 1/K."""
+    scenes: Path | None = None
+    """Folder made of four sets of simulate.py: all-speak-validation, all-speak-test, some-silent-validation and
+    some-silent-test; by default small sets made here."""
     validation: tuple[Path, ...] = ()
-    """Folders of shards to tune thresholds on; by default a small set made here."""
+    """Instead of --scenes and without --tables: folders of shards to tune thresholds on."""
     test: tuple[Path, ...] = ()
-    """Folders of shards to score; by default a small set made here."""
+    """Instead of --scenes and without --tables: folders of shards to score."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
-    """Condition of the default sets, and name of it in the report."""
+    """Condition of the sets, and name of it in the report; --tables runs both."""
     cache: Path = Path("cache")
     """Where default sets are kept."""
     validation_scenes: int = 100
@@ -49,7 +56,9 @@ class EvaluateOptions:
     test_scenes: int = 200
     """Size of the default test set."""
     rounds: int = RefinementConfig.rounds
-    """Most rounds of closed-form ascent per clip, for the row refined."""
+    """Most rounds of closed-form ascent per clip, for the rows refined."""
+    same_band: bool = False
+    """Let the baselines search all frequencies that the system listens to, instead of pyroomacoustics' 500-4000 Hz."""
     jobs: int = -1
     """Processes for the baselines; -1 is one per core."""
     device: str = "cpu"
@@ -67,54 +76,83 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def evaluate_with(options: EvaluateOptions) -> None:
     """Evaluates as the options say, prints the tables and writes the report."""
-    system = load_checkpoint(options.checkpoint)
-    without_audio = system if options.no_audio_checkpoint is None else load_checkpoint(options.no_audio_checkpoint)
-    array, grid = system.config.array, system.config.grid
-    amortized = Localizer(system, options.device)
-    no_audio = Localizer(without_audio, options.device, uniform_levels=True)
-    methods: list[Method[Any, Any]] = [
-        *default_baselines(array, grid, options.jobs),
-        PosteriorMethod("no-audio-net", no_audio.posteriors, grid),
-        PosteriorMethod("amortized", amortized.posteriors, grid),
-    ]
-    if system.config.guide.audio_net:
-        refined = Localizer(system, options.device, refinement=system.refinement(rounds=options.rounds))
-        methods.append(PosteriorMethod("refined", refined.posteriors, grid))
-    scenes = partial(labeled_scenes, options, array)
-    runs = run_methods(
-        methods,
-        scenes(options.validation, VALIDATION, options.validation_scenes),
-        scenes(options.test, TEST, options.test_scenes),
-    )
+    if options.scenes is not None and (options.validation or options.test):
+        raise InputError("--scenes brings validation and test scenes of its own; leave out --validation and --test.")
+    if options.tables and (options.validation or options.test):
+        raise InputError(
+            "--tables runs both conditions; give --scenes with a folder of each, not --validation, --test."
+        )
+    line_ups = _line_ups(options)
+    if options.tables:
+        make_tables(line_ups, partial(labeled_scenes, options), options.out)
+        return
+    if len(line_ups) > 1:
+        raise InputError(f"{len(line_ups)} checkpoints were given; give one, or add --tables.")
+    (line_up,) = line_ups
+    array = line_up.system.config.array
+    scenes_of = partial(labeled_scenes, options, options.condition, array=array)
+    runs = run_methods(line_up.methods(), scenes_of(VALIDATION), scenes_of(TEST))
     rows = score_runs(runs, options.condition, array.num_microphones)
     write_report(rows, options.out)
     print_table(rows)
     print(f"{options.out / 'report.json'}: written, and report.md beside it.")
 
 
-class LabeledScenes(Sequence[tuple[Clip, SceneLabels]]):
-    """A data set with its labels, read as it is walked through."""
+def load_systems(checkpoints: Sequence[Path]) -> list[System]:
+    """The systems to evaluate, by number of microphones.
 
-    def __init__(self, dataset: SceneDataset) -> None:
-        self._dataset = dataset
+    Raises:
+        InputError: there is none, two have equally many microphones, or as :func:`load_checkpoint`.
+    """
+    if not checkpoints:
+        raise InputError("no system to evaluate; give --checkpoint with a .safetensors file written by svi_train.py.")
+    by_microphones: dict[int, System] = {}
+    for path in checkpoints:
+        system = load_checkpoint(path)
+        microphones = system.config.array.num_microphones
+        if microphones in by_microphones:
+            raise InputError(
+                f"{path}: a second checkpoint for {microphones} microphones; give one for each number of microphones, "
+                "and another --out for the others."
+            )
+        by_microphones[microphones] = system
+    return [by_microphones[microphones] for microphones in sorted(by_microphones)]
 
-    def __len__(self) -> int:
-        return len(self._dataset)
 
-    def __getitem__(self, index: Any) -> Any:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        return self._dataset[index], self._dataset.labels(index)
+def _line_ups(options: EvaluateOptions) -> list[LineUp]:
+    systems = load_systems(options.checkpoint)
+    without_audio = load_systems(options.no_audio_checkpoint) if options.no_audio_checkpoint else []
+    arrays = [system.config.array for system in systems]
+    for system in without_audio:
+        if system.config.array not in arrays:
+            raise InputError(
+                f"--no-audio-checkpoint: array '{system.config.array.name}' is that of no --checkpoint; give "
+                "checkpoints of the same arrays."
+            )
+    by_array = {system.config.array: system for system in without_audio}
+    return [
+        LineUp(
+            system,
+            by_array.get(system.config.array, system),
+            system.refinement(rounds=options.rounds),
+            system_band_hz(system) if options.same_band else DEFAULT_BAND_HZ,
+            options.jobs,
+            options.device,
+        )
+        for system in systems
+    ]
 
-    def __iter__(self) -> Iterator[tuple[Clip, SceneLabels]]:
-        for index in range(len(self)):
-            yield self._dataset[index], self._dataset.labels(index)
 
-
-def labeled_scenes(
-    options: EvaluateOptions, array: MicrophoneArray, folders: tuple[Path, ...], split: Split, num_scenes: int
-) -> LabeledScenes:
-    """Scenes of the given folders, or the default ones of the split."""
+def labeled_scenes(options: EvaluateOptions, condition: str, split: Split, array: MicrophoneArray) -> LabeledScenes:
+    """Scenes of the given folders, or the default ones of the condition and split."""
+    folders = options.validation if split is VALIDATION else options.test
+    if options.scenes is not None:
+        if not options.scenes.is_dir():
+            raise InputError(
+                f"{options.scenes}: no such folder; --scenes wants one with '{condition}-{split.name}' in it."
+            )
+        folders = (options.scenes / f"{condition}-{split.name}",)
     if folders:
         return LabeledScenes(SceneDataset(folders, array))
-    return LabeledScenes(default_dataset(options.cache, split, options.condition, num_scenes, array))
+    num_scenes = options.validation_scenes if split is VALIDATION else options.test_scenes
+    return LabeledScenes(default_dataset(options.cache, split, condition, num_scenes, array))

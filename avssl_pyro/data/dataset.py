@@ -1,5 +1,6 @@
 """Scenes of one or more folders as one map-style dataset of clips, read as any array that the rendered one contains."""
 
+import hashlib
 from collections.abc import Sequence
 from itertools import accumulate
 from pathlib import Path
@@ -20,6 +21,7 @@ from avssl_pyro.data.encoding import (
     decode_facts,
     decode_image,
 )
+from avssl_pyro.data.manifest import to_json
 from avssl_pyro.data.shard_reader import ShardReader
 from avssl_pyro.errors import InputError
 
@@ -73,6 +75,12 @@ class SceneDataset(Dataset[Clip]):
     def shard_sizes(self) -> tuple[int, ...]:
         """Scenes per shard, over all folders; indices of the dataset run through the shards in this order."""
         return tuple(shard.num_scenes for reader in self._readers for shard in reader.manifest.shards)
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of the folders' manifests, in hexadecimal: equal for equal scenes, wherever they lie."""
+        manifests = [reader.manifest.to_dict() for reader in self._readers]
+        return hashlib.sha256(to_json(manifests)).hexdigest()
 
     def __len__(self) -> int:
         return self._ends[-1]

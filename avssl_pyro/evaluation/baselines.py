@@ -18,6 +18,8 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.metrics import Azimuths
 from avssl_pyro.evaluation.peaks import PeakSetting, pick_peaks
 
+# That of pyroomacoustics.
+DEFAULT_BAND_HZ = (500.0, 4000.0)
 Spectrum = npt.NDArray[np.float64]
 THRESHOLDS = tuple(float(value) for value in np.arange(0.05, 1.0, 0.05).round(2))
 MAX_PEAKS = (2, 3, 4)
@@ -50,7 +52,7 @@ class DoaBaseline:
     array: MicrophoneArray
     grid: DirectionGrid
     num_sources: int = 1
-    freq_range_hz: tuple[float, float] = (500.0, 4000.0)
+    freq_range_hz: tuple[float, float] = DEFAULT_BAND_HZ
     stft_config: StftConfig = field(default_factory=StftConfig)
     num_jobs: int = 1
     settings: Sequence[PeakSetting] = field(default=PEAK_SETTINGS, repr=False)
@@ -111,12 +113,15 @@ class DoaBaseline:
 
 
 def default_baselines(
-    array: MicrophoneArray, grid: DirectionGrid, num_jobs: int = 1
+    array: MicrophoneArray,
+    grid: DirectionGrid,
+    num_jobs: int = 1,
+    freq_range_hz: tuple[float, float] = DEFAULT_BAND_HZ,
 ) -> tuple[DoaBaseline, DoaBaseline, DoaBaseline]:
     """SRP-PHAT (DiBiase 2000), MUSIC (Schmidt 1986) and MUSIC normalized per frequency (Salvati et al. 2014)."""
     rank = subspace_sources(array)
     return (
-        DoaBaseline("srp-phat", SRP, array, grid, num_jobs=num_jobs),
-        DoaBaseline("music", MUSIC, array, grid, rank, num_jobs=num_jobs),
-        DoaBaseline("norm-music", NormMUSIC, array, grid, rank, num_jobs=num_jobs),
+        DoaBaseline("srp-phat", SRP, array, grid, freq_range_hz=freq_range_hz, num_jobs=num_jobs),
+        DoaBaseline("music", MUSIC, array, grid, rank, freq_range_hz, num_jobs=num_jobs),
+        DoaBaseline("norm-music", NormMUSIC, array, grid, rank, freq_range_hz, num_jobs=num_jobs),
     )

@@ -15,7 +15,7 @@ from avssl_pyro.data.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.matching import Matching, gate_then_assign
 from avssl_pyro.evaluation.methods import Method, Tuned, tune
-from avssl_pyro.evaluation.metrics import Azimuths, bootstrap_f_measure, summarize, tally
+from avssl_pyro.evaluation.metrics import Azimuths, bootstrap_count_accuracy, bootstrap_f_measure, summarize, tally
 from avssl_pyro.evaluation.tables import HEADLINE_TOLERANCE_DEG, ResultRow
 from avssl_pyro.evaluation.trivial import TRIVIAL_ROWS, TrivialRow
 
@@ -50,30 +50,67 @@ class Runs:
 
 
 @dataclass(frozen=True)
-class _Observed:
-    references: list[npt.NDArray[np.float64]]
+class Observations:
+    """What several methods observed on the same scenes.
+
+    Args:
+        labels: the truth about each clip.
+        by_method: per method, one observation per clip.
+        seconds: per method, wall-clock time of all its observations.
+    """
+
+    labels: list[SceneLabels]
     by_method: list[list[Any]]
     seconds: list[float]
 
+    @property
+    def references(self) -> list[npt.NDArray[np.float64]]:
+        """True azimuths of the talkers per clip, radians."""
+        return [np.array(labels.talker_azimuths, dtype=np.float64) for labels in self.labels]
 
-def _observe(methods: Sequence[Method[Any, Any]], scenes: Iterable[Scene], title: str) -> _Observed:
-    """Reads the scenes once, a few at a time, and shows their clips to every method."""
-    observed = _Observed([], [[] for _ in methods], [0.0] * len(methods))
+
+def observe(methods: Sequence[Method[Any, Any]], scenes: Iterable[Scene], title: str) -> Observations:
+    """Reads the scenes once, a few at a time, and shows their clips, never their labels, to every method.
+
+    Raises:
+        InputError: there are no scenes (``title`` names them), or a method cannot read a clip.
+    """
+    observed = Observations([], [[] for _ in methods], [0.0] * len(methods))
     total = len(scenes) if isinstance(scenes, Sequence) else None
     with tqdm(total=total, desc=title, unit="clip") as bar:
         remaining = iter(scenes)
         while chunk := list(islice(remaining, SCENES_AT_A_TIME)):
             clips = [clip for clip, _ in chunk]
-            observed.references.extend(np.array(labels.talker_azimuths, dtype=np.float64) for _, labels in chunk)
+            observed.labels.extend(labels for _, labels in chunk)
             for index, method in enumerate(methods):
                 bar.set_postfix_str(method.name)
                 start = time.perf_counter()
                 observed.by_method[index].extend(method.observe_all(clips))
                 observed.seconds[index] += time.perf_counter() - start
             bar.update(len(chunk))
-    if not observed.references:
+    if not observed.labels:
         raise InputError(f"{title} scenes: there is not a single one; the comparison needs some.")
     return observed
+
+
+def tune_and_decide(
+    methods: Sequence[Method[Any, Any]],
+    tuning: Observations,
+    testing: Observations,
+    tuning_tolerance_deg: float = HEADLINE_TOLERANCE_DEG,
+    trivial: Sequence[TrivialRow] = TRIVIAL_ROWS,
+) -> Runs:
+    """Tunes every method on what it observed on validation scenes, and decides on what it observed on test scenes.
+
+    Labels of the validation scenes choose the settings; those of the test scenes are handed to trivial rows only.
+    """
+    known, references = tuning.references, testing.references
+    runs = [MethodRun(row.name, tuple(row.estimate(known, references))) for row in trivial]
+    for index, method in enumerate(tqdm(methods, desc="thresholds", unit="method", leave=False)):
+        tuned = tune(method, tuning.by_method[index], known, np.deg2rad(tuning_tolerance_deg))
+        estimates = tuple(method.decide(observation, tuned.setting) for observation in testing.by_method[index])
+        runs.append(MethodRun(method.name, estimates, tuned, 1e3 * testing.seconds[index] / len(references)))
+    return Runs(tuple(references), tuple(runs))
 
 
 def run_methods(
@@ -83,26 +120,14 @@ def run_methods(
     tuning_tolerance_deg: float = HEADLINE_TOLERANCE_DEG,
     trivial: Sequence[TrivialRow] = TRIVIAL_ROWS,
 ) -> Runs:
-    """Tunes every method on the validation scenes and applies it to the test scenes.
-
-    Labels of the validation scenes choose the settings; those of the test scenes are handed to trivial rows only.
+    """Observes both sets of scenes, then :func:`tune_and_decide`.
 
     Raises:
         InputError: either set is empty, or a method cannot read a clip.
     """
-    tuning = _observe(methods, validation, "validation")
-    tuned = [
-        tune(method, observations, tuning.references, np.deg2rad(tuning_tolerance_deg))
-        for method, observations in zip(methods, tuning.by_method, strict=True)
-    ]
-    testing = _observe(methods, test, "test")
-    clips = len(testing.references)
-    runs = [MethodRun(row.name, tuple(row.estimate(tuning.references, testing.references))) for row in trivial]
-    for index, method in enumerate(methods):
-        setting = tuned[index].setting
-        estimates = tuple(method.decide(observation, setting) for observation in testing.by_method[index])
-        runs.append(MethodRun(method.name, estimates, tuned[index], 1e3 * testing.seconds[index] / clips))
-    return Runs(tuple(testing.references), tuple(runs))
+    tuning = observe(methods, validation, "validation")
+    testing = observe(methods, test, "test")
+    return tune_and_decide(methods, tuning, testing, tuning_tolerance_deg, trivial)
 
 
 def score_runs(
@@ -123,7 +148,8 @@ def score_runs(
             tallies = tally(runs.references, run.estimates, np.deg2rad(tolerance_deg), matching)
             for cell in cells:
                 scores = summarize(tallies, None if cell == "all" else counts_b == cell)
-                interval = bootstrap_f_measure(scores.tallies, seed)
+                f_interval = bootstrap_f_measure(scores.tallies, seed)
+                count_interval = bootstrap_count_accuracy(scores.tallies, seed)
                 rows.append(
                     ResultRow(
                         condition=condition,
@@ -137,8 +163,10 @@ def score_runs(
                         count_accuracy=scores.count_accuracy,
                         localization_error_deg=float(np.rad2deg(scores.localization_error)),
                         clips=scores.num_clips,
-                        f_low=interval.low,
-                        f_high=interval.high,
+                        f_low=f_interval.low,
+                        f_high=f_interval.high,
+                        count_low=count_interval.low,
+                        count_high=count_interval.high,
                     )
                 )
     return rows

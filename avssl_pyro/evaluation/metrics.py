@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -177,10 +178,14 @@ def summarize(tallies: ClipTallies, clips: npt.NDArray[np.bool_] | None = None) 
     )
 
 
+# Drawing is by far the slowest part, and the rows of a table ask for the same draws again and again.
+@lru_cache(maxsize=4)
 def _resampled_counts(num_clips: int, seed: int, draws: int) -> npt.NDArray[np.float64]:
     """How often each clip is drawn in each bootstrap sample, (draws, B)."""
     rng = np.random.default_rng(seed)
-    return rng.multinomial(num_clips, np.full(num_clips, 1.0 / num_clips), size=draws).astype(np.float64)
+    times_sb = rng.multinomial(num_clips, np.full(num_clips, 1.0 / num_clips), size=draws).astype(np.float64)
+    times_sb.flags.writeable = False
+    return times_sb
 
 
 def _percentiles(samples: npt.NDArray[np.float64], level: float) -> Interval:

@@ -1,5 +1,6 @@
 """Checkpoints: the weights of a system and, in the same file, the configuration that rebuilds it."""
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,14 @@ def save_checkpoint(path: Path, system: System) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(path, save(state, metadata={"format": FORMAT, "config": json.dumps(config)}))
     write_atomically(path.with_suffix(".json"), json.dumps(config, indent=1).encode())
+
+
+def fingerprint(system: System) -> str:
+    """SHA-256 of a system's configuration and weights, in hexadecimal; the same before saving and after loading."""
+    digest = hashlib.sha256(json.dumps(config_to_dict(system.config), sort_keys=True).encode())
+    # Without metadata, whose order safetensors leaves to chance.
+    digest.update(save({name: value.detach().cpu().contiguous() for name, value in system.state_dict().items()}))
+    return digest.hexdigest()
 
 
 def load_checkpoint(path: Path) -> System:

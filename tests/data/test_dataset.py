@@ -47,6 +47,18 @@ def test_scenes_come_back_as_they_were_rendered(make_scenes: MakeScenes) -> None
             dataset[beyond]
 
 
+def test_the_fingerprint_knows_scenes_and_not_their_place(make_scenes: MakeScenes, tmp_path: Path) -> None:
+    folder = make_scenes().folder
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    fingerprint = SceneDataset(folder, PRESETS["circle2"]).fingerprint
+    assert SceneDataset(copy, PRESETS["circle6"]).fingerprint == fingerprint
+    assert SceneDataset([folder, copy]).fingerprint != fingerprint
+    manifest = json.loads((copy / "manifest.json").read_text())
+    manifest["shards"][0]["sha256"] = "0" * 64
+    (copy / "manifest.json").write_text(json.dumps(manifest))
+    assert SceneDataset(copy).fingerprint != fingerprint
+
+
 @pytest.mark.parametrize(
     ("array", "channels"), [("circle2", [0, 4]), ("circle4", [0, 2, 4, 6]), ("circle6", [0, 1, 3, 4, 5, 7])]
 )

@@ -15,7 +15,13 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.checkpoint import config_from_dict, config_to_dict, load_checkpoint, save_checkpoint
+from avssl_pyro.inference.checkpoint import (
+    config_from_dict,
+    config_to_dict,
+    fingerprint,
+    load_checkpoint,
+    save_checkpoint,
+)
 from avssl_pyro.inference.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
 
 CONFIG = SystemConfig(
@@ -53,6 +59,16 @@ def with_config(change: Callable[[dict[str, Any]], None]) -> Callable[[dict[str,
         metadata["config"] = json.dumps(config)
 
     return rewritten
+
+
+def test_the_fingerprint_is_that_of_weights_and_configuration(path: Path) -> None:
+    system = make_system()
+    before = fingerprint(system)
+    assert fingerprint(load_checkpoint(path)) == before
+    assert fingerprint(make_system(replace(CONFIG, model=replace(CONFIG.model, alpha=0.06)))) != before
+    with torch.no_grad():
+        system.guide.log_sigma_k[0] += 1e-3
+    assert fingerprint(system) != before
 
 
 @pytest.mark.parametrize("audio_net", [True, False])

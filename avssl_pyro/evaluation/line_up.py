@@ -1,0 +1,73 @@
+"""The methods that stand beside each other in a comparison on one array."""
+
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, default_baselines
+from avssl_pyro.evaluation.methods import Method
+from avssl_pyro.evaluation.posterior_method import PosteriorMethod
+from avssl_pyro.guides.blind_start import BlindStart
+from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.inference.checkpoint import fingerprint
+from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.system import System
+
+
+def system_band_hz(system: System) -> tuple[float, float]:
+    """The band a system listens to, up to and without the next bin, as pyroomacoustics leaves out the upper end."""
+    config = system.config.stft
+    frequencies_f = config.frequencies
+    return float(frequencies_f[0]), float(frequencies_f[-1] + config.sample_rate / config.window)
+
+
+@dataclass(frozen=True)
+class LineUp:
+    """Baselines and a trained system on the system's array and grid.
+
+    Args:
+        system: whose rows are ``amortized`` and, if it has an audio network, ``refined``.
+        without_audio: whose row is ``no-audio-net``, with every mixing level at 1/K.
+        refinement: of the rows ``refined`` and ``audio-only refined``; the latter starts without the picture.
+        baseline_band_hz: frequencies that the baselines search.
+        jobs: processes of the baselines.
+        device: of the networks.
+    """
+
+    system: System
+    without_audio: System
+    refinement: RefinementConfig
+    baseline_band_hz: tuple[float, float] = DEFAULT_BAND_HZ
+    jobs: int = 1
+    device: str = "cpu"
+
+    def methods(self) -> list[Method[Any, Any]]:
+        """All methods, fresh."""
+        config = self.system.config
+        grid = config.grid
+        blind = Localizer(
+            self.system,
+            self.device,
+            # The picture must not come back through the prior.
+            refinement=replace(self.refinement, image_weight=0.0),
+            start=BlindStart(config.model.num_sources, grid),
+        )
+        localizers = {
+            "audio-only refined": blind,
+            "no-audio-net": Localizer(self.without_audio, self.device, uniform_levels=True),
+            "amortized": Localizer(self.system, self.device),
+        }
+        if config.guide.audio_net:
+            localizers["refined"] = Localizer(self.system, self.device, refinement=self.refinement)
+        return [
+            *default_baselines(config.array, grid, self.jobs, self.baseline_band_hz),
+            *(PosteriorMethod(name, localizer.posteriors, grid) for name, localizer in localizers.items()),
+        ]
+
+    def facts(self) -> dict[str, Any]:
+        """Everything that decides the methods' answers, as JSON values."""
+        return {
+            "system": fingerprint(self.system),
+            "without_audio": fingerprint(self.without_audio),
+            "refinement": asdict(self.refinement),
+            "baseline_band_hz": list(self.baseline_band_hz),
+        }

@@ -1,0 +1,69 @@
+"""Does the mixing level tell who talks? Levels of people, their ROC curve and the area below it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import rankdata
+
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.evaluation.matching import angular_errors
+from avssl_pyro.inference.localization import ScenePosterior, peak_azimuth
+
+# A person with no source class this close has level 0.
+WITHIN_DEG = 15.0
+
+
+@dataclass(frozen=True)
+class RocCurve:
+    """A receiver operating characteristic.
+
+    Args:
+        false_alarms_p, hits_p: shares of silent and of talking people at or above a threshold that falls along p.
+        area: below the curve: how often a random talker is louder than a random silent person, ties counting half.
+    """
+
+    false_alarms_p: npt.NDArray[np.float64]
+    hits_p: npt.NDArray[np.float64]
+    area: float
+
+
+def levels_of(
+    people: npt.ArrayLike,
+    posterior: ScenePosterior,
+    grid: DirectionGrid,
+    least_peak: float,
+    within: float = float(np.deg2rad(WITHIN_DEG)),
+) -> npt.NDArray[np.float64]:
+    """The mixing level of the source class nearest to each person, (R,), or 0 if none is near.
+
+    Args:
+        people: azimuths, (R,), radians.
+        posterior, grid: what the guide believes; every class takes part, however quiet, but those for diffuse noise.
+        least_peak: classes whose strongest direction weighs less are diffuse noise.
+        within: what near means, radians.
+    """
+    pointed = [k for k, weights_d in enumerate(posterior.direction_weights_kd) if weights_d.max() >= least_peak]
+    azimuths = [peak_azimuth(posterior.direction_weights_kd[k], grid) for k in pointed]
+    error_re = angular_errors(people, azimuths)
+    if not pointed:
+        return np.zeros(len(error_re))
+    level_e = posterior.mixing_levels_k[pointed]
+    return np.where(error_re.min(axis=1) <= within, level_e[error_re.argmin(axis=1)], 0.0)
+
+
+def roc_curve(talking: npt.ArrayLike, silent: npt.ArrayLike) -> RocCurve | None:
+    """The curve of telling talkers from silent people by a threshold on their levels; None if either are missing."""
+    talking_t, silent_s = np.asarray(talking, dtype=np.float64), np.asarray(silent, dtype=np.float64)
+    if not (talking_t.size and silent_s.size):
+        return None
+    thresholds = np.unique(np.concatenate([talking_t, silent_s]))[::-1]
+
+    def share_above(level_n: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        at_least = len(level_n) - np.searchsorted(np.sort(level_n), thresholds, side="left")
+        return np.concatenate([[0.0], at_least / len(level_n)])
+
+    # Mann and Whitney's statistic.
+    rank_sum = rankdata(np.concatenate([talking_t, silent_s]))[: talking_t.size].sum()
+    wins = rank_sum - talking_t.size * (talking_t.size + 1) / 2
+    return RocCurve(share_above(silent_s), share_above(talking_t), float(wins / (talking_t.size * silent_s.size)))
