@@ -13,7 +13,8 @@ is needed. The curvature of the bound at its maximum is at least that of the pos
 lower bound: it knows nothing of weights that can trade places.
 """
 
-from dataclasses import dataclass
+import copy
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -27,7 +28,7 @@ from avssl_pyro.acoustics.covariance import (
 )
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, quadratic_form
 
-NEWTON_STEPS = 8
+NEWTON_STEPS = 4
 # Newton's step in log w is kept below this: far from its maximum the bound is steeper than its tangent tells.
 LONGEST_STEP = 2.0
 
@@ -65,6 +66,15 @@ class MixturePoint:
     def pi_bk(self) -> Tensor:
         """Mixing levels, (B, K)."""
         return self.counts_bk / self.counts_bk.sum(-1, keepdim=True)
+
+    def of_classes(self, index_bk: Tensor) -> "MixturePoint":
+        """The point with the chosen source classes only, (B, K') of K."""
+        return MixturePoint(
+            _rows(self.log_w_bkd, index_bk),
+            _rows(self.precision_bkd, index_bk),
+            self.counts_bk.gather(1, index_bk),
+            self.log_likelihood_b,
+        )
 
     def choose(self, moves_b: Tensor, other: "MixturePoint") -> "MixturePoint":
         """The other point for the clips that move, this one for the rest."""
@@ -104,6 +114,13 @@ class MixtureAscent:
         self._prior = prior
         self._alpha = alpha
         self._weight = weight
+
+    def of_classes(self, index_bk: Tensor) -> "MixtureAscent":
+        """The same climb with the chosen source classes only, (B, K') of K."""
+        fewer = copy.copy(self)
+        if self._prior.mean.dim() == 3:
+            fewer._prior = replace(self._prior, mean=_rows(self._prior.mean, index_bk))
+        return fewer
 
     @torch.no_grad()
     def step(self, log_w_bkd: Tensor, pi_bk: Tensor, stretch_b: Tensor | float = 1.0) -> MixturePoint:
@@ -161,3 +178,7 @@ class MixtureAscent:
 
     def _center(self, log_w_bkd: Tensor) -> Tensor:
         return log_w_bkd - (log_w_bkd - self._prior.mean).mean(-1, keepdim=True)
+
+
+def _rows(value_bkd: Tensor, index_bk: Tensor) -> Tensor:
+    return value_bkd.gather(1, index_bk[..., None].expand(-1, -1, value_bkd.shape[-1]))

@@ -93,9 +93,12 @@ class TaughtLoss(nn.Module):
 
     def _cross_entropy(self, x_bfmt: Tensor) -> Tensor:
         trace = self._estimator.guide_trace  # type: ignore[attr-defined]
-        mu_bkd = trace.nodes["direction_weights"]["fn"].base_dist.loc
-        concentration_bk = trace.nodes["mixing_levels"]["fn"].concentration
-        pi_bk = concentration_bk / concentration_bk.sum(-1, keepdim=True)
+        # Several particles share the networks' directions, but have levels of their own.
+        mu_pbkd = trace.nodes["direction_weights"]["fn"].base_dist.loc
+        mu_bkd = mu_pbkd.reshape(-1, *mu_pbkd.shape[-3:])[0]
+        concentration_pbk = trace.nodes["mixing_levels"]["fn"].concentration
+        level_pbk = concentration_pbk / concentration_pbk.sum(-1, keepdim=True)
+        pi_bk = level_pbk.reshape(-1, *level_pbk.shape[-2:]).mean(0)
         with torch.autocast(x_bfmt.device.type, enabled=False):
             target_bo = self._targets(x_bfmt[..., :: self._config.frame_step], mu_bkd.detach(), pi_bk.detach())
         outcome_bo = self._outcomes(mu_bkd.softmax(-1), pi_bk).clamp_min(LEAST_SHARE)

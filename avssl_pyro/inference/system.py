@@ -137,7 +137,13 @@ class System:
         """A refinement under this system's own priors."""
         sizes = self.config.model
         return RefinementConfig(
-            **{"prior_sigma": sizes.sigma, "alpha": sizes.alpha, "diffuse": sizes.diffuse} | changes
+            **{
+                "prior_sigma": sizes.sigma,
+                "alpha": sizes.alpha,
+                "diffuse": sizes.diffuse,
+                "bin_weight": sizes.bin_weight,
+            }
+            | changes
         )
 
     def state_dict(self) -> dict[str, Tensor]:
