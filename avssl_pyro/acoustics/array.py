@@ -83,7 +83,8 @@ class MicrophoneArray:
     def _check_channels(self, channels: tuple[int, ...], where: str) -> None:
         if len(channels) != self.num_microphones:
             raise InputError(
-                f"{where}: 'channels' has {len(channels)} entries for {self.num_microphones} microphones; give one each."
+                f"{where}: 'channels' has {len(channels)} entries for {self.num_microphones} microphones; "
+                "give one for each."
             )
         for microphone, channel in enumerate(channels, start=1):
             if channel < 1:

@@ -61,7 +61,8 @@ class RigidSphereKind:
     def __post_init__(self) -> None:
         if not 0 < self.radius_m <= MAX_SPHERE_RADIUS_M:
             raise InputError(
-                f"steering: a sphere of radius_m {self.radius_m:g} cannot be; give metres, up to {MAX_SPHERE_RADIUS_M:g}."
+                f"steering: a sphere of radius_m {self.radius_m:g} cannot be; "
+                f"give metres, up to {MAX_SPHERE_RADIUS_M:g}."
             )
 
     @property

@@ -88,8 +88,8 @@ class SceneSimulator:
             raise InputError(f"the seed is {self.seed}; it must be 0 or more.")
         if self.array.steering != FreeFieldKind():
             raise InputError(
-                f"array '{self.array.name}' hears {self.array.steering.phrase}, but rooms are simulated for microphones "
-                "in free field only; give recordings of this array instead."
+                f"array '{self.array.name}' hears {self.array.steering.phrase}, but rooms are simulated for "
+                "microphones in free field only; give recordings of this array instead."
             )
 
     def render(self, index: int) -> Scene:
