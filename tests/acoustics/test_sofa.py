@@ -21,6 +21,8 @@ GRID_DEG = np.rad2deg(GRID.azimuths)
 FREQUENCIES = StftConfig(bin_step=8).frequencies
 EVERY_5_DEG = np.arange(0.0, 360.0, 5.0)
 
+ONE_RECEIVER = {"Data_IR": np.ones((72, 1, 8)), "Data_Delay": np.zeros((1, 1)), "ReceiverPosition": np.zeros((1, 3))}
+
 
 def templates(a_fdm: Any) -> npt.NDArray[np.complex128]:
     """a a^H: what the model sees of steering vectors, free of a common phase."""
@@ -119,11 +121,10 @@ def test_other_elevations_are_left_out(write_sofa: Callable[..., Path]) -> None:
         (np.delete(EVERY_5_DEG, [6, 7]), {}, ["between azimuth 25 and 40", "gap of 15"]),
         (EVERY_5_DEG, {"SourcePosition": np.array([[0.0, 60.0, 1.0]])}, ["no source within 5 degrees", "horizontal"]),
         (EVERY_5_DEG, {"Data_IR": np.full((72, 4, 8), np.nan)}, ["not finite", "export"]),
-        (EVERY_5_DEG, {"Data_IR": np.ones((72, 1, 8)), "Data_Delay": np.zeros((1, 1)), "ReceiverPosition": np.zeros((1, 3))},
-         ["1 receiver", "at least two"]),
+        (EVERY_5_DEG, ONE_RECEIVER, ["1 receiver", "at least two"]),
         (EVERY_5_DEG, {"ListenerPosition": np.array([[1.0, 0.0, 0.0]])}, ["where the listener is"]),
     ],
-)  # fmt: skip
+)
 def test_files_that_will_not_do_are_refused_in_one_sentence(
     write_sofa: Callable[..., Path], azimuths_deg: npt.NDArray[np.float64], changes: dict[str, Any], words: list[str]
 ) -> None:
