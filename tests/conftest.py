@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-import sofar
 import torch
 from hypothesis import settings
 
@@ -53,6 +52,8 @@ def write_sofa(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     The responses are periodic, so that they are exact at multiples of 31.25 Hz, and 10 ms late. Keywords replace what
     the file says otherwise.
     """
+
+    import sofar
 
     def write(array: MicrophoneArray, azimuths_deg: npt.ArrayLike, **changes: Any) -> Path:
         azimuths = np.deg2rad(azimuths_deg)

@@ -10,6 +10,8 @@ from torch import Tensor
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.steering import ArrayGeometry, normalized
 
+# Below, the response is that of first order to all digits, while Hankel functions overflow.
+TINY_KA = 1e-8
 # i^(n - 1) for n modulo 4.
 _TURNS = np.array([-1j, 1.0, 1j, -1.0])
 
@@ -30,7 +32,8 @@ def sphere_response(ka_f: npt.NDArray[np.float64], cosine: npt.NDArray[np.float6
     """
     # Terms fall as (ka)^n / (2n - 1)!!; so many leave nothing above rounding.
     n = np.arange(math.ceil(2 * ka_f.max(initial=0.0)) + 16)
-    ka_f1 = np.where(ka_f > 0, ka_f, 1.0)[:, None]
+    tiny_f = ka_f < TINY_KA
+    ka_f1 = np.where(tiny_f, 1.0, ka_f)[:, None]
     with np.errstate(all="ignore"):
         slope_fn = scipy.special.spherical_jn(n, ka_f1, derivative=True) - 1j * scipy.special.spherical_yn(
             n, ka_f1, derivative=True
@@ -40,7 +43,9 @@ def sphere_response(ka_f: npt.NDArray[np.float64], cosine: npt.NDArray[np.float6
     term_fn = np.where(np.isfinite(slope_fn) & np.isfinite(term_fn), term_fn, 0.0)
     legendre_n = scipy.special.eval_legendre(n.reshape(-1, *(1,) * cosine.ndim), cosine)
     response = np.tensordot(term_fn, legendre_n, axes=1)
-    return np.where((ka_f > 0).reshape(-1, *(1,) * cosine.ndim), response, 1.0)
+    per_frequency = (-1, *(1,) * cosine.ndim)
+    first_order = 1 + 1.5j * ka_f.reshape(per_frequency) * cosine
+    return np.where(tiny_f.reshape(per_frequency), first_order, response)
 
 
 class RigidSphere:

@@ -44,11 +44,11 @@ def read_sofa(path: Path) -> MeasuredResponses:
 
 
 def _open(path: Path) -> Any:
+    if not path.is_file():
+        raise InputError(f"{path}: no such SOFA file.")
     # Imported when needed: the library takes as long as all the rest of a small command.
     import sofar  # noqa: PLC0415
 
-    if not path.is_file():
-        raise InputError(f"{path}: no such SOFA file.")
     try:
         sofa = sofar.read_sofa(str(path), verify=False, verbose=False)
     # The library lets whatever its parser meets in a damaged file through.
