@@ -231,3 +231,13 @@ def test_positions_beside_measured_responses_must_be_as_many(write_sofa: Callabl
     sofa = write_sofa(PRESETS["circle4"], np.arange(0.0, 360.0, 10.0))
     with pytest.raises(InputError, match=r"has 3 positions, but measured\.sofa holds responses of 4 microphones"):
         MicrophoneArray.from_dict(steered("measured", file=str(sofa)))
+
+
+def test_the_file_in_the_documentation_is_an_array(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "docs" / "arrays.md").read_text(encoding="utf-8")
+    path = tmp_path / "documented.yaml"
+    path.write_text(text.split("```yaml\n")[1].split("```")[0])
+    array = MicrophoneArray.load(path)
+    assert array.channels == (2, 3, 4, 5)
+    assert array.steering == RigidSphereKind(0.0707)
+    assert all(f"`{name}`" in text for name in PRESETS)
