@@ -29,10 +29,6 @@ def read_sofa(path: Path) -> MeasuredResponses:
     """
     sofa = _open(path)
     spectrum_dmn, frequencies_n = _spectra(sofa, path)
-    if spectrum_dmn.shape[1] < 2:
-        raise InputError(
-            f"{path}: it has {spectrum_dmn.shape[1]} receiver(s); an array has at least two, one for each microphone."
-        )
     if not np.isfinite(spectrum_dmn).all():
         raise InputError(f"{path}: some of its responses are not finite numbers; export the measurement again.")
     azimuth_d, elevation_d = _directions(sofa, len(spectrum_dmn), path)
@@ -102,6 +98,10 @@ def _three_axes(values: Any, path: Path) -> npt.NDArray[np.float64]:
     if array.ndim != 3 or array.size == 0:
         raise InputError(
             f"{path}: its responses have the shape {array.shape}; (measurements, receivers, samples) is expected."
+        )
+    if array.shape[1] < 2:
+        raise InputError(
+            f"{path}: it has {array.shape[1]} receiver(s); an array has at least two, one for each microphone."
         )
     return array
 
