@@ -28,13 +28,16 @@ def read_sofa(path: Path) -> MeasuredResponses:
             leaves a gap of more than 10 degrees on the horizontal plane.
     """
     sofa = _open(path)
-    spectrum_dmn, frequencies_n = _spectra(sofa, path)
-    if not np.isfinite(spectrum_dmn).all():
-        raise InputError(f"{path}: some of its responses are not finite numbers; export the measurement again.")
-    azimuth_d, elevation_d = _directions(sofa, len(spectrum_dmn), path)
+    response_dmn = _responses(sofa, path)
+    azimuth_d, elevation_d = _directions(sofa, len(response_dmn), path)
+    # Most files cover the sphere; all but its equator is left out before it is transformed.
     chosen = _horizontal(azimuth_d, elevation_d, path)
+    response_dmn = response_dmn[chosen]
+    if not np.isfinite(response_dmn).all():
+        raise InputError(f"{path}: some of its responses are not finite numbers; export the measurement again.")
+    transform = _spectra if np.iscomplexobj(response_dmn) else _spectra_of_impulses
     try:
-        return MeasuredResponses(azimuth_d[chosen], frequencies_n, spectrum_dmn[chosen])
+        return MeasuredResponses(azimuth_d[chosen], *transform(sofa, response_dmn, chosen, path))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
@@ -51,67 +54,84 @@ def _open(path: Path) -> Any:
     except Exception as error:
         problem = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"{path}: cannot be read as a SOFA file ({problem}).") from error
-    for name in ("GLOBAL_DataType", "SourcePosition", "SourcePosition_Type"):
-        if getattr(sofa, name, None) is None:
-            raise InputError(f"{path}: '{name}' is missing, so it is no complete SOFA file; export it again.")
+    if "SourcePosition" not in vars(sofa) or "GLOBAL_DataType" not in vars(sofa):
+        raise InputError(f"{path}: it names no data type or no source positions; export the measurement again.")
     return sofa
 
 
-def _spectra(sofa: Any, path: Path) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.float64]]:
-    """Spectra (D', M, N) of all measurements, in the file's order, and their frequencies in Hz."""
+def _numbers(sofa: Any, name: str, path: Path, default: Any = np.nan) -> npt.NDArray[np.float64]:
+    try:
+        return np.asarray(getattr(sofa, name, default), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: '{name}' holds other things than numbers; export the measurement again.") from error
+
+
+def _responses(sofa: Any, path: Path) -> npt.NDArray[np.inexact[Any]]:
+    """All responses as they are in the file, (D', M, N): samples, or complex where they are transfer functions."""
     kind = str(sofa.GLOBAL_DataType)
     if kind == "FIR":
-        return _spectra_of_impulses(sofa, path)
-    if kind == "TF":
-        frequencies_n = np.atleast_1d(np.asarray(sofa.N, dtype=np.float64))
-        real_dmn, imag_dmn = _three_axes(sofa.Data_Real, path), _three_axes(sofa.Data_Imag, path)
-        if real_dmn.shape != imag_dmn.shape or real_dmn.shape[-1] != len(frequencies_n):
-            raise InputError(f"{path}: its transfer functions and their frequencies differ in number; export it again.")
-        if not (np.diff(frequencies_n) > 0).all() or not (frequencies_n >= 0).all():
-            raise InputError(f"{path}: its frequencies must rise and not be negative; export it again.")
-        return real_dmn + 1j * imag_dmn, frequencies_n
-    raise InputError(f"{path}: holds data of type '{kind}'; give impulse responses (FIR) or transfer functions (TF).")
+        response_dmn: npt.NDArray[np.inexact[Any]] = _numbers(sofa, "Data_IR", path)
+    elif kind == "TF":
+        real, imag = _numbers(sofa, "Data_Real", path), _numbers(sofa, "Data_Imag", path)
+        if real.shape != imag.shape:
+            raise InputError(f"{path}: real and imaginary parts differ in number; export the measurement again.")
+        response_dmn = real + 1j * imag
+    else:
+        raise InputError(
+            f"{path}: holds data of type '{kind}'; give impulse responses (FIR) or transfer functions (TF)."
+        )
+    shape = response_dmn.shape
+    if len(shape) != 3 or not response_dmn.size:
+        raise InputError(f"{path}: its responses have the shape {shape}; (measurements, receivers, samples) is needed.")
+    if shape[1] < 2:
+        raise InputError(f"{path}: it has {shape[1]} receiver; an array has at least two, one for each microphone.")
+    return response_dmn
 
 
-def _spectra_of_impulses(sofa: Any, path: Path) -> tuple[npt.NDArray[np.complex128], npt.NDArray[np.float64]]:
-    impulse_dmn = _three_axes(sofa.Data_IR, path)
-    rate = float(np.ravel(sofa.Data_SamplingRate)[0])
+Spectra = tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]
+
+
+def _spectra(sofa: Any, transfer_dmn: npt.NDArray[Any], _chosen: npt.NDArray[np.int64], path: Path) -> Spectra:
+    """Frequencies of transfer functions in Hz, and these."""
+    frequencies_n = np.atleast_1d(_numbers(sofa, "N", path))
+    if len(frequencies_n) != transfer_dmn.shape[-1]:
+        raise InputError(
+            f"it has {len(frequencies_n)} frequencies for transfer functions of {transfer_dmn.shape[-1]} values; "
+            "export it again."
+        )
+    if not (frequencies_n[0] >= 0 and (np.diff(frequencies_n) > 0).all()):
+        raise InputError("its frequencies must rise and not be negative; export it again.")
+    return frequencies_n, transfer_dmn
+
+
+def _spectra_of_impulses(
+    sofa: Any, impulse_dmn: npt.NDArray[Any], chosen: npt.NDArray[np.int64], path: Path
+) -> Spectra:
+    """Frequencies in Hz, and the transform of the impulse responses at these very frequencies, whatever their rate."""
+    rate = float(_numbers(sofa, "Data_SamplingRate", path).flat[0])
     if not 2 * STEP_HZ <= rate < np.inf:
-        raise InputError(f"{path}: a sampling rate of {rate:g} Hz cannot be; export the measurement again.")
+        raise InputError(f"a sampling rate of {rate:g} Hz cannot be; export the measurement again.")
     count = int(min(TOP_HZ, rate / 2) / STEP_HZ) + 1
     frequencies_n = STEP_HZ * np.arange(count)
-    # The transform at these very frequencies, whatever the rate and length of the responses.
     spectrum_dmn = scipy.signal.zoom_fft(
         impulse_dmn, [0.0, frequencies_n[-1]], m=count, fs=rate, endpoint=True, axis=-1
     )
-    delay_dm = np.asarray(sofa.Data_Delay, dtype=np.float64)
-    if delay_dm.shape not in {impulse_dmn.shape[:2], (1, impulse_dmn.shape[1])}:
-        raise InputError(
-            f"{path}: 'Data.Delay' has the shape {delay_dm.shape}, which fits no response; export it again."
-        )
+    delay_dm = _numbers(sofa, "Data_Delay", path, default=np.zeros((1, impulse_dmn.shape[1])))
+    rows, width = np.atleast_2d(delay_dm).shape
+    if width != impulse_dmn.shape[1] or 1 < rows <= chosen.max():
+        raise InputError(f"'Data.Delay' has the shape {delay_dm.shape}, which fits no response; export it again.")
+    # One row for all measurements, or one for each.
+    delay_dm = np.atleast_2d(delay_dm) if rows == 1 else delay_dm[chosen]
     turns_dmn = delay_dm[..., None] * frequencies_n / rate
-    return spectrum_dmn * np.exp(-2j * np.pi * turns_dmn), frequencies_n
-
-
-def _three_axes(values: Any, path: Path) -> npt.NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
-    if array.ndim != 3 or array.size == 0:
-        raise InputError(
-            f"{path}: its responses have the shape {array.shape}; (measurements, receivers, samples) is expected."
-        )
-    if array.shape[1] < 2:
-        raise InputError(
-            f"{path}: it has {array.shape[1]} receiver(s); an array has at least two, one for each microphone."
-        )
-    return array
+    return frequencies_n, spectrum_dmn * np.exp(-2j * np.pi * turns_dmn)
 
 
 def _directions(sofa: Any, count: int, path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Azimuth and elevation of the source of every measurement as the listener sees it, (D',), radians."""
-    source_dx = _cartesian(sofa, "SourcePosition")
-    listener_dx = _cartesian(sofa, "ListenerPosition", (0.0, 0.0, 0.0))
-    front_dx = _unit(_cartesian(sofa, "ListenerView", (1.0, 0.0, 0.0)))
-    up_dx = _unit(np.atleast_2d(np.asarray(getattr(sofa, "ListenerUp", (0.0, 0.0, 1.0)), dtype=np.float64)))
+    source_dx = _cartesian(sofa, "SourcePosition", path)
+    listener_dx = _cartesian(sofa, "ListenerPosition", path, (0.0, 0.0, 0.0))
+    front_dx = _unit(_cartesian(sofa, "ListenerView", path, (1.0, 0.0, 0.0)))
+    up_dx = _unit(np.atleast_2d(_numbers(sofa, "ListenerUp", path, (0.0, 0.0, 1.0))))
     parts = (source_dx, listener_dx, front_dx, up_dx)
     if any(part.shape not in {(1, 3), (count, 3)} for part in parts):
         raise InputError(
@@ -128,10 +148,12 @@ def _directions(sofa: Any, count: int, path: Path) -> tuple[npt.NDArray[np.float
     return np.where(azimuth_d > np.pi - 1e-9, -np.pi, azimuth_d), np.arcsin(np.clip(z_d / distance_d, -1, 1))
 
 
-def _cartesian(sofa: Any, name: str, default: tuple[float, float, float] | None = None) -> npt.NDArray[np.float64]:
+def _cartesian(
+    sofa: Any, name: str, path: Path, default: tuple[float, float, float] = (np.nan, np.nan, np.nan)
+) -> npt.NDArray[np.float64]:
     """Rows (x, y, z) of a position or view, whichever coordinates the file gives."""
-    values = np.atleast_2d(np.asarray(getattr(sofa, name, default), dtype=np.float64))
-    if not str(getattr(sofa, f"{name}_Type", "cartesian")).startswith("spherical"):
+    values = np.atleast_2d(_numbers(sofa, name, path, default))
+    if values.shape[-1] != 3 or not str(getattr(sofa, f"{name}_Type", "cartesian")).startswith("spherical"):
         return values
     azimuth, elevation = np.deg2rad(values[:, 0]), np.deg2rad(values[:, 1])
     flat = np.cos(elevation)
