@@ -116,12 +116,12 @@ def _spectra_of_impulses(
     spectrum_dmn = scipy.signal.zoom_fft(
         impulse_dmn, [0.0, frequencies_n[-1]], m=count, fs=rate, endpoint=True, axis=-1
     )
-    delay_dm = _numbers(sofa, "Data_Delay", path, default=np.zeros((1, impulse_dmn.shape[1])))
-    rows, width = np.atleast_2d(delay_dm).shape
-    if width != impulse_dmn.shape[1] or 1 < rows <= chosen.max():
+    delay_dm = np.atleast_2d(_numbers(sofa, "Data_Delay", path, default=np.zeros((1, impulse_dmn.shape[1]))))
+    rows = len(delay_dm)
+    if delay_dm.shape[1:] != impulse_dmn.shape[1:2] or 1 < rows <= chosen.max():
         raise InputError(f"'Data.Delay' has the shape {delay_dm.shape}, which fits no response; export it again.")
     # One row for all measurements, or one for each.
-    delay_dm = np.atleast_2d(delay_dm) if rows == 1 else delay_dm[chosen]
+    delay_dm = delay_dm if rows == 1 else delay_dm[chosen]
     turns_dmn = delay_dm[..., None] * frequencies_n / rate
     return frequencies_n, spectrum_dmn * np.exp(-2j * np.pi * turns_dmn)
 
