@@ -104,7 +104,7 @@ def write_dcase(path: Path, rows: Iterable[DcaseRow]) -> None:
 
 
 def azimuths_by_frame(rows: Iterable[DcaseRow], merged_deg: float = MERGED_DEG) -> dict[int, tuple[float, ...]]:
-    """Azimuths of all sources of each frame, radians, whatever their class; those closer than ``merged_deg`` are one."""
+    """Azimuths of all sources of each frame, radians, whatever their class; neighbours under ``merged_deg`` are one."""
     frames: dict[int, list[float]] = defaultdict(list)
     for row in rows:
         frames[row.frame].append(math.radians(row.azimuth_deg))
