@@ -77,7 +77,8 @@ def encode_scene(scene: Scene) -> dict[str, bytes]:
 def _encode_audio(audio_mn: npt.NDArray[np.float32], where: str) -> dict[str, bytes]:
     if audio_mn.ndim != 2 or not np.isfinite(audio_mn).all():
         raise InputError(f"{where}: its audio must be (microphones, samples) of finite numbers.")
-    quiet = float(np.square(audio_mn, dtype=np.float64).mean()) < _QUIET_RMS**2
+    # Each channel's mean apart: converters have an offset.
+    quiet = float(audio_mn.var(axis=1, dtype=np.float64).mean()) < _QUIET_RMS**2
     scale, subtype = (_FULL_SCALE * 256.0, "PCM_24") if quiet else (_FULL_SCALE, "PCM_16")
     # Rounded here: libsndfile scales floats by 32767 on the way in and by 32768 on the way out.
     rounded_mn = np.clip(np.rint(audio_mn * scale), -scale, scale - 1)

@@ -1,4 +1,4 @@
-"""Small recordings on disk: a video whose brightness tells the frame, and noise whose loudness tells the second."""
+"""Small recordings on disk: a video whose stripes tell the frame, and noise whose loudness tells the second."""
 
 import struct
 from collections.abc import Sequence
@@ -12,9 +12,20 @@ FPS = 10.0
 
 
 def write_video(path: Path, num_frames: int, size: tuple[int, int] = (144, 72), fps: float = FPS) -> Path:
-    """Frame n is grey of level 20 + 3 n throughout."""
-    frames_ijc = [np.full((size[1], size[0], 3), 20 + 3 * number % 220, np.uint8) for number in range(num_frames)]
+    """Frame n shows n as eight black or white stripes, which survive any codec; see :func:`frame_number`."""
+    bit_j = 7 - np.arange(size[0]) * 8 // size[0]
+    frames_ijc = [
+        np.broadcast_to((255 * (number >> bit_j & 1))[None, :, None], (size[1], size[0], 3)).astype(np.uint8)
+        for number in range(num_frames)
+    ]
     return write_frames(path, frames_ijc, fps)
+
+
+def frame_number(frame_ijc: np.ndarray) -> int:
+    """What number a frame of :func:`write_video` shows."""
+    rows, columns = frame_ijc.shape[:2]
+    middles = (2 * np.arange(8) + 1) * columns // 16
+    return int(((frame_ijc[rows // 2, middles].mean(axis=-1) > 128) * 2 ** np.arange(7, -1, -1)).sum())
 
 
 def write_frames(path: Path, frames_ijc: Sequence[np.ndarray], fps: float = FPS) -> Path:
@@ -29,13 +40,18 @@ def write_frames(path: Path, frames_ijc: Sequence[np.ndarray], fps: float = FPS)
 
 
 def write_noise(
-    path: Path, levels: Sequence[float], num_channels: int = 4, rate: int = 24_000, subtype: str = "PCM_24"
+    path: Path,
+    levels: Sequence[float],
+    num_channels: int = 4,
+    rate: int = 24_000,
+    subtype: str = "PCM_24",
+    constant: float = 0.01,
 ) -> Path:
-    """Second s is noise of RMS ``levels[s]`` around a constant, which is not to count."""
+    """Second s is noise of RMS ``levels[s]`` around a constant, another one in each channel, which is not to count."""
     path.parent.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
     seconds = [level * rng.standard_normal((rate, num_channels)) for level in levels]
-    soundfile.write(path, np.concatenate(seconds) + 0.01 * np.arange(num_channels), rate, subtype=subtype)
+    soundfile.write(path, np.concatenate(seconds) + constant * np.arange(num_channels), rate, subtype=subtype)
     return path
 
 

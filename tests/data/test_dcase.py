@@ -26,7 +26,8 @@ def test_what_is_written_comes_back(
     tmp_path_factory: pytest.TempPathFactory, rows: list[DcaseRow], distance_cm: float | None
 ) -> None:
     rows = [
-        DcaseRow(row.frame, row.class_index, row.source, row.azimuth_deg, row.elevation_deg, distance_cm) for row in rows
+        DcaseRow(row.frame, row.class_index, row.source, row.azimuth_deg, row.elevation_deg, distance_cm)
+        for row in rows
     ]
     path = tmp_path_factory.mktemp("dcase") / "labels.csv"
     write_dcase(path, rows)

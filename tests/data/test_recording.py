@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from recorded import FPS, stretch_frame, write_frames, write_noise, write_video
+from recorded import FPS, frame_number, stretch_frame, write_frames, write_noise, write_video
 from scipy.signal import resample_poly
 
 from avssl_pyro.data.recording import AudioFile, Recording, VideoFile
@@ -22,7 +22,9 @@ def test_any_stretch_is_what_resampling_the_whole_file_gives(tmp_path: Path, rat
     whole_nm = audio_nm if rate == 16_000 else resample_poly(audio_nm, 16_000 // divisor, rate // divisor, axis=0)
     for first, count in ((0, 100), (1, 16_000), (777, 12_345), (file.num_samples - 999, 999), (0, file.num_samples)):
         np.testing.assert_allclose(file.read_samples(first, count), whole_nm[first : first + count].T, atol=1e-6)
-    np.testing.assert_allclose(np.concatenate(list(file.blocks(0.3)), axis=1), whole_nm[: file.num_samples].T, atol=1e-6)
+    np.testing.assert_allclose(
+        np.concatenate(list(file.blocks(0.3)), axis=1), whole_nm[: file.num_samples].T, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize(("name", "subtype"), [("a.wav", "PCM_16"), ("a.wav", "PCM_32"), ("a.flac", "PCM_24")])
@@ -39,7 +41,7 @@ def test_sample_formats_and_channel_counts(tmp_path: Path, name: str, subtype: s
 def test_what_lies_outside_or_is_damaged_is_refused(tmp_path: Path) -> None:
     path = write_noise(tmp_path / "a.flac", [0.1, 0.1])
     for start_s, duration_s in ((-0.1, 1.0), (1.5, 1.0), (0.5, 0.0)):
-        with pytest.raises(InputError, match="lasts from 0 to 2.000 s"):
+        with pytest.raises(InputError, match=r"lasts from 0 to 2\.000 s"):
             AudioFile(path).read(start_s, duration_s)
     path.write_bytes(path.read_bytes()[:-40_000])
     with pytest.raises(InputError, match=r"a\.flac"):
@@ -56,46 +58,40 @@ def test_what_lies_outside_or_is_damaged_is_refused(tmp_path: Path) -> None:
         AudioFile(tmp_path / "nan.wav").read(1.0, 0.5)
 
 
-def level(frame_ijc: np.ndarray) -> int:
-    """The number that :func:`write_video` gave a frame."""
-    return round((float(frame_ijc.mean()) - 20) / 3)
-
-
 def test_frames_are_found_by_time_in_any_order(tmp_path: Path) -> None:
     video = VideoFile(write_video(tmp_path / "v.mp4", 70))
     assert (video.width, video.height, video.duration_s) == (144, 72, pytest.approx(7.0))
     assert [round(time_s, 3) for time_s, _ in video] == [round(number / FPS, 3) for number in range(70)]
     for time_s, number in ((0.0, 0), (0.09, 0), (0.11, 1), (6.95, 69), (1.0, 10), (0.55, 5), (6.9, 69), (0.0, 0)):
-        assert level(video.frame_at(time_s + 1e-6)) == number
+        assert frame_number(video.frame_at(time_s + 1e-6)) == number
     copy = pickle.loads(pickle.dumps(video))
-    assert level(copy.frame_at(3.05)) == 30
+    assert frame_number(copy.frame_at(3.05)) == 30
     assert video.time_stamps() == pytest.approx(np.arange(70) / FPS, abs=1e-3)
-    with pytest.raises(InputError, match="no frame within 1 s before 9.000 s"):
+    with pytest.raises(InputError, match=r"no frame within 1 s before 9\.000 s"):
         video.frame_at(9.0)
 
 
 def test_variable_frame_rates_go_by_time_stamps_and_gaps_show_nothing(tmp_path: Path) -> None:
     path = write_video(tmp_path / "v.mp4", 40)
     stretch_frame(path, 20, 21)
-    for times_s in ((1.55, 2.05, 2.9, 4.15, 5.0), (5.0, 4.15, 2.9)):
+    for times_s in ((1.55, 2.05, 2.9, 4.15, 4.95), (4.95, 4.15, 2.9)):
         video = VideoFile(path)
         found = {time_s: video.find_frame(time_s) for time_s in times_s}
-        expected = {1.55: 15, 2.05: 20, 2.9: 20, 4.15: 21, 5.0: 29}
-        assert {time_s: level(frame_ijc) for time_s, frame_ijc in found.items() if frame_ijc is not None} == {
+        expected = {1.55: 15, 2.05: 20, 2.9: 20, 4.15: 21, 4.95: 29}
+        assert {time_s: frame_number(frame_ijc) for time_s, frame_ijc in found.items() if frame_ijc is not None} == {
             time_s: expected[time_s] for time_s in times_s
         }
     assert VideoFile(path).find_frame(3.5) is None
     assert VideoFile(path).time_stamps()[20:22] == pytest.approx([2.0, 4.1], abs=1e-3)
 
 
-def test_a_truncated_video_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_truncated_video_is_named(tmp_path: Path) -> None:
     path = write_video(tmp_path / "v.mp4", 20)
     path.write_bytes(path.read_bytes()[:2000])
     with pytest.raises(InputError, match=r"v\.mp4: cannot be read as video; it is truncated"):
         VideoFile(path)
     with pytest.raises(InputError, match="no such video file"):
         VideoFile(tmp_path / "none.mp4")
-    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize(("offset_s", "start_s", "end_s"), [(0.0, 0.0, 3.0), (0.5, 0.0, 3.0), (-1.25, 1.25, 3.0)])
@@ -143,7 +139,8 @@ def spot(image_ijc: np.ndarray) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("yaw_deg", "mirror", "azimuth_deg"), [(0, False, 90), (0, True, -90), (30, False, 120), (30, True, -60), (-45, False, 45)]
+    ("yaw_deg", "mirror", "azimuth_deg"),
+    [(0, False, 90), (0, True, -90), (30, False, 120), (30, True, -60), (-45, False, 45)],
 )
 def test_the_picture_is_mirrored_then_turned(tmp_path: Path, yaw_deg: float, mirror: bool, azimuth_deg: float) -> None:
     """+90 degrees is column 480 of 1920, and in the left quarter of a clip's image."""
@@ -156,7 +153,9 @@ def test_the_picture_is_mirrored_then_turned(tmp_path: Path, yaw_deg: float, mir
         assert image_ijc[:, 60:84].mean() > 5 * image_ijc[:, :60].mean()
 
 
-@pytest.mark.parametrize(("elevations", "size"), [((-55, 55), (576, 324)), ((-30, 80), (576, 324)), ((-20, 20), (576, 90))])
+@pytest.mark.parametrize(
+    ("elevations", "size"), [((-55, 55), (576, 324)), ((-30, 80), (576, 324)), ((-20, 20), (576, 90))]
+)
 def test_elevations_of_any_camera_come_out_right(
     tmp_path: Path, elevations: tuple[float, float], size: tuple[int, int]
 ) -> None:
