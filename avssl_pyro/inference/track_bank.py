@@ -15,7 +15,7 @@ LEAST_PRESENCE = 1e-3
 HEARD = 0.5
 
 
-@dataclass
+@dataclass(eq=False)
 class Chain:
     """A source, or what may turn out to be clutter.
 
