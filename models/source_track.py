@@ -81,4 +81,7 @@ def log_evidence(model: SourceTrack, log_ratio_td: Tensor) -> Tensor:
     def guide(log_ratio_td: Tensor) -> None:
         """Nothing is left to guess: every site is summed out."""
 
-    return -TraceEnum_ELBO(max_plate_nesting=0).differentiable_loss(model, guide, log_ratio_td)
+    elbo = TraceEnum_ELBO(max_plate_nesting=0)
+    if log_ratio_td.requires_grad:
+        return -elbo.differentiable_loss(model, guide, log_ratio_td)
+    return log_ratio_td.new_tensor(-elbo.loss(model, guide, log_ratio_td))

@@ -39,7 +39,7 @@ def main(args: Sequence[str] | None = None) -> None:
     options = tyro.cli(TrackBenchmarkOptions, args=args)
     if options.recordings < 1 or options.talkers.seconds < 2 * options.talkers.step_s:
         raise InputError(
-            f"--recordings {options.recordings} of {options.talkers.seconds} s: give one or more, of two windows or more."
+            f"--recordings {options.recordings} of {options.talkers.seconds} s: give at least one, of two windows."
         )
     simulated = SimulatedRecordings(options.talkers, options.detector, options.recordings, options.seed)
     recordings = [simulated.draw(index) for index in tqdm(range(simulated.count), desc="recordings")]

@@ -23,6 +23,7 @@ class Chain:
         first: index of its first window.
         steps: its windows from there on.
         shares_tnd: per window, the probability that detection n is this source's, if it sounds in direction d, (N, D).
+        born_s: when it began.
         heard_s: when it was last heard.
         beside: index of the window since when it is beside an older chain, and when that was.
     """
@@ -30,6 +31,7 @@ class Chain:
     first: int
     steps: list[Step]
     shares_tnd: list[npt.NDArray[np.float32]]
+    born_s: float
     heard_s: float
     beside: tuple[int, float] | None = None
 
@@ -55,8 +57,8 @@ class BankConfig:
 
     Args:
         memory_s: a source that was not heard for so long is forgotten; who speaks there later is somebody new.
-        merge_deg, merge_s: two sources closer than this for longer than that are one. Talkers who pass each other are
-            close for a shorter time.
+        merge_deg, merge_s: two sources closer than this for longer than that are one, and so is one that begins so
+            close to another. Talkers who pass each other are close for a shorter time.
     """
 
     memory_s: float = 2.5
@@ -67,8 +69,8 @@ class BankConfig:
 class TrackBank:
     """The forward pass of all chains, window by window.
 
-    A detection that other chains expect counts as clutter to a chain, in proportion to how likely they would cause it;
-    one that is likelier to be clutter than any chain's begins a chain of its own. All chains end up in ``ended``.
+    What other chains claim of a detection counts as clutter to a chain; one that is likelier to be clutter than any
+    chain's begins a chain of its own. All chains end up in ``ended``.
 
     Args:
         grid, prior, detection, config: the model.
@@ -92,17 +94,19 @@ class TrackBank:
         tables = self._tables_of(step_s)
         density_nd = self.detection.density(self.grid, azimuth_n, std_n)
         predicted_k = [predict(chain.belief, tables) for chain in self.active]
-        expected_kn = np.zeros((len(self.active), len(azimuth_n)))
+        claims_kn = np.zeros((len(self.active), len(azimuth_n)))
         for k, predicted in enumerate(predicted_k):
-            expected_kn[k] = self.detection.found * (density_nd @ predicted.sounding_d)
-        expected_n = expected_kn.sum(0)
-        for chain, predicted, own_n in zip(self.active, predicted_k, expected_kn, strict=True):
-            terms_nd = self.detection.ratio_terms(density_nd, expected_n - own_n)
+            sounding_d = predicted.sounding_d
+            expected_n = self.detection.found * (density_nd @ sounding_d)
+            claims_kn[k] = self.detection.claims(expected_n, float(sounding_d.sum()))
+        for k, (chain, predicted) in enumerate(zip(self.active, predicted_k, strict=True)):
+            terms_nd = self.detection.ratio_terms(density_nd, np.delete(claims_kn, k, axis=0).sum(0))
             self._extend(chain, predicted, terms_nd, tables, time_s)
-        for n in np.flatnonzero(expected_n < self.detection.clutter_density):
-            terms_nd = self.detection.ratio_terms(density_nd, expected_n)
+        claimed_n = claims_kn.sum(0)
+        for n in np.flatnonzero(claimed_n < self.detection.clutter_density):
+            terms_nd = self.detection.ratio_terms(density_nd, claimed_n)
             terms_nd[np.arange(len(terms_nd)) != n] = 0.0
-            chain = Chain(self.num_windows, [], [], time_s)
+            chain = Chain(self.num_windows, [], [], time_s, time_s)
             self._extend(chain, newborn(tables.birth, self.grid.num_directions), terms_nd, tables, time_s)
             self.active.append(chain)
         self._merge(time_s)
@@ -125,21 +129,17 @@ class TrackBank:
     def _merge(self, time_s: float) -> None:
         azimuths_k = np.array([chain.belief.direction(self.grid)[0] for chain in self.active])
         sounding_k = np.array([chain.belief.sounding_d.sum() for chain in self.active])
-        merged = []
-        for k, chain in enumerate(self.active):
+        for k, chain in enumerate(list(self.active)):
             apart_j = np.abs(wrap_angle(azimuths_k[:k] - azimuths_k[k]))
-            if not ((apart_j < np.deg2rad(self.config.merge_deg)) & (sounding_k[:k] > HEARD)).any():
+            # A source in a pause does not stand for the one that speaks beside it.
+            if not ((apart_j < np.deg2rad(self.config.merge_deg)) & (sounding_k[:k] > sounding_k[k] / 2)).any():
                 chain.beside = None
-            elif chain.beside is None:
-                chain.beside = (self.num_windows, time_s)
-            elif time_s - chain.beside[1] > self.config.merge_s:
-                merged.append(chain)
-        for chain in merged:
-            assert chain.beside is not None
-            chain.cut(chain.beside[0])
-            self.active.remove(chain)
-            if chain.steps:
-                self.ended.append(chain)
+                continue
+            index, since_s = chain.beside = chain.beside or (self.num_windows, time_s)
+            if time_s - since_s > self.config.merge_s or since_s - chain.born_s < self.config.merge_s:
+                self.active.remove(chain)
+                chain.cut(index)
+                self.ended += [chain] if chain.steps else []
 
     def _retire(self, time_s: float) -> None:
         for chain in list(self.active):
