@@ -1,7 +1,7 @@
 """What the guides have in common: the posterior of direction weights given the picture, q(w | image)."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import pyro.distributions as dist
 import torch
@@ -29,6 +29,14 @@ class GuideParameters(NamedTuple):
     sigma_bkd: Tensor
     concentration_bk: Tensor
     activation_bkij: Tensor
+
+
+class PosteriorStart(Protocol):
+    """Anything that gives a posterior to refine: a trained guide, or a rule of thumb. It has to be a torch module."""
+
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
+        """Parameters of a batch of clips from their spectrograms, (B, F, M, T), and images, (B, 3, I, J)."""
+        ...
 
 
 class DirectionGuide(PyroModule):

@@ -17,8 +17,8 @@ from torch import Tensor
 from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent, MixturePoint
 from avssl_pyro.distributions.profiled_gaussian import observe
-from avssl_pyro.guides.amortized import LEAST_CONCENTRATION, AmortizedGuide
-from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
+from avssl_pyro.guides.directions import GuideParameters, PosteriorStart
 
 # Twice the closed-form step, until it overshoots for the first time.
 OVERRELAXATION = 2.0
@@ -56,12 +56,12 @@ class RefinedGuide(PyroModule):
     """q(w) = LogNormal(mu, sigma^2) and q(pi) = Dir(counts), each clip with parameters of its own.
 
     Args:
-        start: the trained guide; it is not changed.
+        start: the trained guide, or another start; it is not changed.
         steering_fdm: steering vectors of the spectrogram's frequencies, complex (F, D, M).
         config: how far to go.
     """
 
-    def __init__(self, start: AmortizedGuide, steering_fdm: Tensor, config: RefinementConfig) -> None:
+    def __init__(self, start: PosteriorStart, steering_fdm: Tensor, config: RefinementConfig) -> None:
         super().__init__()
         self.start = start
         self.config = config

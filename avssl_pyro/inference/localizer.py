@@ -13,7 +13,7 @@ from avssl_pyro.data.batch import collate_clips
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.guides.directions import GuideParameters, PosteriorStart
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.inference.localization import ScenePosterior
@@ -33,6 +33,7 @@ class Localizer:
         device: where to compute.
         uniform_levels: ignore the audio network and give every class the level 1/K ("w/o Aud").
         refinement: refine every clip's posterior so; by default the networks' answer is final.
+        start: where refinement starts; by default at the system's own guide.
         seed: of the draws behind the posterior spread of directions.
     """
 
@@ -43,6 +44,7 @@ class Localizer:
         *,
         uniform_levels: bool = False,
         refinement: RefinementConfig | None = None,
+        start: PosteriorStart | None = None,
         seed: int = 0,
     ) -> None:
         self.config = system.config
@@ -52,9 +54,10 @@ class Localizer:
             raise InputError(f"device '{device}' cannot be used here ({str(error).splitlines()[0]}).") from error
         guide: AmortizedGuide | UniformLevelGuide | RefinedGuide = system.guide
         if refinement is not None:
-            if not isinstance(system.guide, AmortizedGuide):
+            start = system.guide if start is None else start
+            if isinstance(start, UniformLevelGuide):
                 raise InputError("refinement starts at mixing levels; give a checkpoint with an audio network.")
-            guide = RefinedGuide(system.guide, system.config.steering(), refinement)
+            guide = RefinedGuide(start, system.config.steering(), refinement)
         self.guide = guide.to(self.device).eval()
         self.uniform_levels = uniform_levels
         self.seed = seed

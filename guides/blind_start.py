@@ -1,0 +1,46 @@
+"""Where to start refining without a picture: broad lobes around the circle, equally loud."""
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.guides.directions import GuideParameters
+
+# Log-weights of a lobe are this times the cosine of the angle from its centre: broad, but enough to break the symmetry.
+LOBE_HEIGHT = 2.0
+# Standard deviation of log w, that of the model's own prior.
+SIGMA = 1.0
+
+
+class BlindStart(nn.Module):
+    """A start of :class:`avssl_pyro.guides.refined.RefinedGuide` that knows neither the picture nor the recording.
+
+    Every class but the last looks at a sector of its own; the last looks everywhere alike, for diffuse noise. A start
+    that is flat altogether would stay flat, for equal classes are moved equally.
+
+    Args:
+        num_sources: K, source classes including the one for diffuse noise; a single class is a lobe.
+        grid: the D directions.
+    """
+
+    def __init__(self, num_sources: int, grid: DirectionGrid) -> None:
+        super().__init__()
+        lobes = max(num_sources - 1, 1)
+        centre_k = 2 * math.pi * torch.arange(lobes) / lobes
+        azimuth_d = torch.from_numpy(grid.azimuths)
+        mu_kd = torch.zeros(num_sources, grid.num_directions)
+        mu_kd[:lobes] = LOBE_HEIGHT * torch.cos(azimuth_d - centre_k[:, None])
+        self.mu_kd: Tensor
+        self.register_buffer("mu_kd", mu_kd, persistent=False)
+
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:  # noqa: ARG002
+        """The same parameters for every clip; the activation maps are flat, (B, K, 1, D)."""
+        mu_bkd = self.mu_kd.expand(len(x_bfmt), -1, -1)
+        return GuideParameters(
+            mu_bkd=mu_bkd,
+            sigma_bkd=torch.full_like(mu_bkd, SIGMA),
+            concentration_bk=mu_bkd.new_ones(mu_bkd.shape[:-1]),
+            activation_bkij=torch.zeros_like(mu_bkd)[:, :, None],
+        )
