@@ -10,6 +10,8 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 
 # Motions: clockwise, at rest, counter-clockwise; their sign times the speed is the drift of the azimuth.
 MOTION_SIGNS = (-1.0, 0.0, 1.0)
+# A step without spread is one of this spread, radians.
+LEAST_STD = 1e-15
 
 
 @dataclass(frozen=True)
@@ -95,8 +97,6 @@ def move_kernel(grid: DirectionGrid, drift: float, std: float) -> npt.NDArray[np
 
 def _mean_distance(point: npt.NDArray[np.float64], std: float) -> npt.NDArray[np.float64]:
     """E |X - point| of a Gaussian X with mean 0."""
-    if std == 0:
-        return np.abs(point)
-    z = point / (np.sqrt(2) * std)
+    z = point / (np.sqrt(2) * max(std, LEAST_STD))
     mean: npt.NDArray[np.float64] = point * erf(z) + std * np.sqrt(2 / np.pi) * np.exp(-(z**2))
     return mean

@@ -10,11 +10,18 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
+from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.heard_recordings import HeardRecordings
 from avssl_pyro.evaluation.simulated_detections import DetectorConfig
 from avssl_pyro.evaluation.tracking_experiment import SimulatedRecordings, compare
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores
+from avssl_pyro.guides.blind_start import BlindStart
+from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.system import ModelConfig, SystemConfig, build_system
 from avssl_pyro.inference.tracking import TrackingConfig
+from avssl_pyro.simulation.moving_audio import MovingAudioConfig
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig
 
 
@@ -27,6 +34,13 @@ class TrackBenchmarkOptions:
     talkers: MovingTalkersConfig = field(default_factory=MovingTalkersConfig)
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    heard: bool = False
+    """Render the talkers in a room and localize their sound window by window, instead of drawing detections."""
+    array: str = "circle6"
+    """Array that hears them: a preset or a YAML file."""
+    classes: int = 5
+    """Source classes of the model that localizes what is heard, one of them for noise."""
+    audio: MovingAudioConfig = field(default_factory=MovingAudioConfig)
     tolerance_deg: float = 10.0
     """Largest error that counts as correct."""
     lag: int = 3
@@ -41,10 +55,23 @@ def main(args: Sequence[str] | None = None) -> None:
         raise InputError(
             f"--recordings {options.recordings} of {options.talkers.seconds} s: give at least one, of two windows."
         )
-    simulated = SimulatedRecordings(options.talkers, options.detector, options.recordings, options.seed)
-    recordings = [simulated.draw(index) for index in tqdm(range(simulated.count), desc="recordings")]
+    source = _heard(options) if options.heard else _simulated(options)
+    recordings = [source.draw(index) for index in tqdm(range(source.count), desc="recordings")]
     scores = compare(recordings, options.tracking, float(np.deg2rad(options.tolerance_deg)), options.lag)
     Console().print(_table(scores, options))
+
+
+def _simulated(options: TrackBenchmarkOptions) -> SimulatedRecordings:
+    return SimulatedRecordings(options.talkers, options.detector, options.recordings, options.seed)
+
+
+def _heard(options: TrackBenchmarkOptions) -> HeardRecordings:
+    system = build_system(SystemConfig(resolve_array(options.array), ModelConfig(num_sources=options.classes)))
+    start = BlindStart(options.classes, system.config.grid)
+    localizer = Localizer(system, refinement=RefinementConfig(), start=start)
+    return HeardRecordings(
+        localizer, talkers=options.talkers, audio=options.audio, count=options.recordings, seed=options.seed
+    )
 
 
 def _table(scores: dict[str, TrackingScores], options: TrackBenchmarkOptions) -> Table:

@@ -38,7 +38,7 @@ class TrackingConfig:
         prior: how sources move, pause, come and go.
         detection: how often they are found, and how much is found that is none.
         bank: when sources end.
-        num_directions: directions D of the tracks' grid.
+        num_directions: directions D of the tracks' grid; a coarse one lets sources rush, cell by cell.
         confirm: least probability that a track is a source, given all that was seen of it.
         sounding: least probability that it sounds in a window, to be reported there.
     """
@@ -46,7 +46,7 @@ class TrackingConfig:
     prior: TrackPrior = field(default_factory=TrackPrior)
     detection: DetectionModel = field(default_factory=DetectionModel)
     bank: BankConfig = field(default_factory=BankConfig)
-    num_directions: int = 72
+    num_directions: int = 144
     confirm: float = 0.9
     sounding: float = 0.5
 
