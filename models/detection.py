@@ -18,8 +18,8 @@ class DetectionModel:
     Args:
         found: probability that a sounding source is detected in a window.
         clutter: mean number of false detections in a window.
-        least_std: least error of an azimuth, radians; a localizer's own standard deviation says how well it resolved the
-            clip it was given, not how reverberation moved the peak.
+        least_std: least error of an azimuth, radians; a localizer's own standard deviation says how sharp a peak is,
+            not how far reverberation moved it.
     """
 
     found: float = 0.88
@@ -48,8 +48,8 @@ class DetectionModel:
 
         Args:
             density_nd: from :meth:`density`.
-            others_n: density of detections due to other sources at each azimuth, (N,), per radian; it adds to the clutter
-                (Musicki, La Scala 2008, "Multi-target tracking in clutter without measurement assignment").
+            others_n: density of detections due to other sources at each azimuth, (N,), per radian; it adds to that of
+                clutter (Musicki, La Scala 2008, "Multi-target tracking in clutter without measurement assignment").
         """
         terms_nd: npt.NDArray[np.float64] = self.found * density_nd / (self.clutter_density + others_n)[:, None]
         return terms_nd

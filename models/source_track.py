@@ -12,12 +12,14 @@
                          ▼             if alive and sounding:
                     detections_t       p(detections | source at d) / p(detections | clutter alone)
 
-    markov plate over windows t; the first window draws everything from the birth prior
+    markov chain over windows t = 0..T-1, window 0 that of the source's birth; one batch, no plates
 
 The detections of a window enter as a factor, since the rest of their probability, that of clutter and of other sources,
 is the same whatever this source does.
 """
 
+import numpy as np
+import numpy.typing as npt
 import pyro
 import pyro.distributions as dist
 import torch
@@ -34,14 +36,17 @@ class SourceTrack:
     """The model of one track.
 
     Args:
-        tables: transition probabilities of one window to the next.
+        tables: transition probabilities from one window to the next.
     """
 
     def __init__(self, tables: TrackTables) -> None:
-        self.birth, self.survive = tables.birth, tables.survive
-        self.activity_aa = torch.from_numpy(tables.activity_aa)
-        self.motion_hh = torch.from_numpy(tables.motion_hh)
-        self.move_hde = torch.from_numpy(tables.move_hde)
+        motions, directions, _ = tables.move_hde.shape
+        birth, survive = tables.birth, tables.survive
+        # The last row of each table is for the window of birth, which has none before it.
+        self.alive_ll = torch.tensor([[1.0, 0.0], [1 - survive, survive], [1 - birth, birth]], dtype=torch.float64)
+        self.activity_aa = _with_row(tables.activity_aa, np.array([0.0, 1.0]))
+        self.motion_hh = _with_row(tables.motion_hh, np.full(motions, 1 / motions))
+        self.move_hde = _with_row(tables.move_hde, np.full((motions, directions), 1 / directions))
 
     def __call__(self, log_ratio_td: Tensor) -> None:
         """The program.
@@ -50,26 +55,21 @@ class SourceTrack:
             log_ratio_td: how much likelier the detections of window t are with the source sounding in direction d than
                 without it, (T, D), float64; window 0 is that of its birth.
         """
-        like = log_ratio_td
-        motions, directions = self.move_hde.shape[:2]
+        tables = (self.alive_ll, self.activity_aa, self.motion_hh, self.move_hde[0])
+        alive, sounding, motion, direction = (torch.tensor(len(table) - 1) for table in tables)
         for t in pyro.markov(range(len(log_ratio_td))):
-            if t == 0:
-                p_alive = like.new_tensor([1 - self.birth, self.birth])
-                p_sounding = like.new_tensor([0.0, 1.0])
-                p_motion = like.new_full((motions,), 1 / motions)
-                p_direction = like.new_full((directions,), 1 / directions)
-            else:
-                p_alive = like.new_tensor([[1.0, 0.0], [1 - self.survive, self.survive]])[alive]
-                p_sounding = self.activity_aa[sounding]
-                p_motion = self.motion_hh[motion]
-            alive = pyro.sample(f"alive_{t}", dist.Categorical(p_alive), infer=PARALLEL)
-            sounding = pyro.sample(f"sounding_{t}", dist.Categorical(p_sounding), infer=PARALLEL)
-            motion = pyro.sample(f"motion_{t}", dist.Categorical(p_motion), infer=PARALLEL)
-            if t > 0:
-                p_direction = Vindex(self.move_hde)[motion, direction, :]
-            direction = pyro.sample(f"direction_{t}", dist.Categorical(p_direction), infer=PARALLEL)
+            alive = pyro.sample(f"alive_{t}", dist.Categorical(self.alive_ll[alive]), infer=PARALLEL)
+            sounding = pyro.sample(f"sounding_{t}", dist.Categorical(self.activity_aa[sounding]), infer=PARALLEL)
+            motion = pyro.sample(f"motion_{t}", dist.Categorical(self.motion_hh[motion]), infer=PARALLEL)
+            move = Vindex(self.move_hde)[motion, direction, :]
+            direction = pyro.sample(f"direction_{t}", dist.Categorical(move), infer=PARALLEL)
             log_ratio = log_ratio_td[t][direction]
             pyro.factor(f"detections_{t}", torch.where(alive * sounding > 0, log_ratio, 0.0))
+
+
+def _with_row(table: npt.NDArray[np.float64], row: npt.NDArray[np.float64]) -> Tensor:
+    """Appends a row along the last axis but one."""
+    return torch.from_numpy(np.concatenate([table, row[..., None, :]], axis=-2))
 
 
 def log_evidence(model: SourceTrack, log_ratio_td: Tensor) -> Tensor:

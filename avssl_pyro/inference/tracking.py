@@ -160,8 +160,8 @@ def check_windows(windows: Sequence[WindowDetections]) -> None:
         for source in window.sources:
             if not np.isfinite([source.azimuth, source.azimuth_std, source.level]).all() or source.azimuth_std < 0:
                 raise InputError(
-                    f"tracking: the window at {window.time_s} s has a source with azimuth {source.azimuth} rad, standard "
-                    f"deviation {source.azimuth_std} and level {source.level}; finite numbers are needed."
+                    f"tracking: the window at {window.time_s} s has a source with azimuth {source.azimuth} rad, "
+                    f"standard deviation {source.azimuth_std} and level {source.level}; finite numbers are needed."
                 )
 
 
