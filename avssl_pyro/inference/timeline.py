@@ -1,11 +1,13 @@
 """What a recording's sources do over time, at any moment between the windows that were localized."""
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from avssl_pyro.acoustics.grid import wrap_angle
+from avssl_pyro.inference.tracking import Track, WindowDetections, tracked_sources
 
 # Faster than anybody walks around a robot between two windows: one name, two places (radians).
 MAX_TURN = np.deg2rad(30.0)
@@ -38,12 +40,12 @@ class Moment:
 
 @dataclass(frozen=True)
 class Timeline:
-    """Moments of a recording, evenly spaced and in order.
+    """Moments of a recording, in order.
 
     Args:
         moments: what was found.
-        hop_s: time from one moment to the next.
-        reach_s: how long before the first and after the last moment its sources are still shown; half a window.
+        hop_s: time from one moment to the next, where none is missing.
+        reach_s: how long before and after a moment without a neighbour its sources are still shown; half a window.
     """
 
     moments: tuple[Moment, ...]
@@ -60,13 +62,13 @@ class Timeline:
 
         A source of one of the two only lasts for half of the time between them.
         """
-        after_index = bisect_right(self.moments, time_s, key=lambda moment: moment.time_s)
-        before = self.moments[after_index - 1] if after_index else None
-        after = self.moments[after_index] if after_index < len(self.moments) else None
-        if before is None or after is None:
-            edge = before or after
-            near = edge is not None and abs(time_s - edge.time_s) <= self.reach_s + 1e-6
-            return edge.sources if edge is not None and near else ()
+        index = bisect_right(self.moments, time_s, key=lambda moment: moment.time_s)
+        around = self.moments[max(index - 1, 0) : index + 1]
+        if len(around) < 2 or around[1].time_s - around[0].time_s > 1.5 * self.hop_s:
+            nearest = min(around, key=lambda moment: abs(moment.time_s - time_s), default=None)
+            reached = nearest is not None and abs(nearest.time_s - time_s) <= self.reach_s + 1e-6
+            return nearest.sources if nearest is not None and reached else ()
+        before, after = around
         share = (time_s - before.time_s) / (after.time_s - before.time_s)
         nearer, other = (before, after) if share < 0.5 else (after, before)
         others = {source.name: source for source in other.sources}
@@ -87,3 +89,31 @@ def _between(near: NamedSource, far: NamedSource | None, weight: float) -> Named
         (1 - weight) * near.azimuth_std + weight * far.azimuth_std,
         (1 - weight) * near.level + weight * far.level,
     )
+
+
+def timeline_of_windows(windows: Sequence[WindowDetections], hop_s: float, reach_s: float) -> Timeline:
+    """Every window on its own; a source's name is the number of its source class."""
+    moments = tuple(
+        Moment(
+            window.time_s,
+            tuple(NamedSource(s.source_class, s.azimuth, s.azimuth_std, s.level) for s in window.sources),
+        )
+        for window in windows
+    )
+    return Timeline(moments, hop_s, reach_s)
+
+
+def timeline_of_tracks(
+    windows: Sequence[WindowDetections], tracks: Sequence[Track], hop_s: float, reach_s: float
+) -> Timeline:
+    """Windows as their tracks explain them; a source's name is the number of its track.
+
+    Args:
+        windows: what was tracked.
+        tracks: what :func:`avssl_pyro.inference.tracking.track` made of it.
+    """
+    moments = tuple(
+        Moment(window.time_s, tuple(NamedSource(s.track_id, s.azimuth, s.azimuth_std, s.level) for s in sources))
+        for window, sources in zip(windows, tracked_sources(windows, tracks), strict=True)
+    )
+    return Timeline(moments, hop_s, reach_s)

@@ -48,6 +48,13 @@ def test_the_first_and_the_last_window_reach_their_own_ends_and_no_further() -> 
     assert Timeline((), 0.1, 0.5).at(0.3) == ()
 
 
+def test_a_gap_is_not_filled() -> None:
+    line = Timeline((Moment(0.5, (source(1, 0),)), Moment(5.0, (source(1, 20),))), 0.1, 0.5)
+    assert line.at(1.0)[0].azimuth == 0
+    assert line.at(2.75) == ()
+    assert line.at(4.5)[0].azimuth == pytest.approx(np.deg2rad(20))
+
+
 @given(st.floats(-180, 180), st.floats(-25, 25), st.floats(0, 1))
 def test_turning_everything_turns_what_lies_between(start_deg: float, turn_deg: float, share: float) -> None:
     here = timeline((source(1, 0),), (source(1, turn_deg),)).at(0.5 + 0.1 * share)[0]
