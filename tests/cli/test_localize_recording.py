@@ -2,6 +2,8 @@
 
 import csv
 import json
+import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -79,7 +81,8 @@ def test_a_recording_gives_lines_csv_and_a_video(
     assert all(len(row) == 5 and row[1] == row[4] == 0 and -180 <= row[3] < 180 for row in rows)
     first = lines[0]["sources"]
     assert isinstance(first, list)
-    assert [row[3] for row in rows if row[0] == 0] == [round(source["azimuth_deg"]) for source in first]
+    expected = [(round(source["azimuth_deg"]) + 180) % 360 - 180 for source in first]
+    assert [row[3] for row in rows if row[0] == 0] == expected
     with av.open(str(annotated)) as container:
         assert container.streams.video[0].codec_context.name == "h264"
         assert container.streams.audio[0].codec_context.name == "aac"
@@ -99,6 +102,20 @@ def test_tracks_have_numbers_and_refined_results_come_twice_a_second(
         sources = line["sources"]
         assert isinstance(sources, list)
         assert all({"track", "azimuth_deg", "azimuth_std_deg", "level"} == set(source) for source in sources)
+
+
+def test_the_command_of_the_page_works(
+    checkpoint: Path, recording: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"^python scripts/localize\.py (.*?[^\\])$", page, re.DOTALL | re.MULTILINE)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "runs" / "demo").mkdir(parents=True)
+    (tmp_path / "runs" / "demo" / "checkpoint.safetensors").write_bytes(checkpoint.read_bytes())
+    words = shlex.split(command.replace("\\\n", " "))
+    words[words.index("--refine") + 1] = "1"
+    assert main(words) == 0
+    assert {"walk.jsonl", "walk.csv", "walk-annotated.mp4"} <= {path.name for path in tmp_path.iterdir()}
 
 
 class Impatient(StopRequest):
