@@ -69,6 +69,11 @@ class Recording:
             )
 
     @property
+    def key(self) -> str:
+        """The name as clips may have it: letters, digits, '-' and '_'."""
+        return re.sub(r"[^A-Za-z0-9_-]+", "_", self.name)
+
+    @property
     def num_channels(self) -> int:
         return self.audio.num_channels if self.channels is None else len(self.channels)
 
@@ -104,15 +109,28 @@ class Recording:
         return self.fit(self.video.frame_at(time_s))
 
     def fit(self, frame_ijc: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-        """A frame of the video as a clip's image: mirrored back, turned, cut to elevations -55..55, (88, 288, 3)."""
+        """A frame of the video as a clip's image: mirrored back, turned, cut to elevations -55..55, (88, 288, 3).
+
+        Raises:
+            InputError: the frame is higher than wide, or no full sphere although no elevations were given.
+        """
         where = self.name if self.video is None else str(self.video.path)
+        rows, columns = frame_ijc.shape[:2]
+        if columns <= rows:
+            raise InputError(
+                f"{where}: {columns} x {rows} pixels; a 360-degree picture is wider than high, so this is no "
+                "equirectangular one (a fisheye's must be converted), or it was stored on its side."
+            )
         if self.elevation_range_deg is not None:
             frame_ijc = _cut_elevations(frame_ijc, self.elevation_range_deg, where)
         if self.mirror:
             frame_ijc = frame_ijc[:, ::-1]
         shift = -round(self.yaw_deg / 360.0 * frame_ijc.shape[1])
         turned_ijc = np.ascontiguousarray(np.roll(frame_ijc, shift, axis=1) if shift else frame_ijc)
-        return fit_image(turned_ijc, where)
+        try:
+            return fit_image(turned_ijc, where)
+        except InputError as error:
+            raise InputError(f"{str(error)[:-1]}; otherwise say which elevations it shows.") from error
 
     def clip_at(self, start_s: float, duration_s: float = 1.0) -> Clip:
         """The clip that begins at ``start_s``, with the picture in the middle of it.
@@ -172,7 +190,7 @@ class Recording:
 
     def key_at(self, start_s: float) -> str:
         """The name of the clip that begins at ``start_s``: the recording's, and milliseconds."""
-        return f"{re.sub(r'[^A-Za-z0-9_-]+', '_', self.name)}-{round(1e3 * start_s):08d}"
+        return f"{self.key}-{round(1e3 * start_s):08d}"
 
     def _samples(self, start_s: float, duration_s: float) -> tuple[int, int]:
         return round((start_s + self.offset_s) * SAMPLE_RATE), round(duration_s * SAMPLE_RATE)
@@ -186,8 +204,6 @@ def _cut_elevations(
 ) -> npt.NDArray[np.uint8]:
     """Cuts or pads a picture with known elevations to -55..55 degrees, scaled to the proportions of a clip's image."""
     rows, columns = frame_ijc.shape[:2]
-    if columns <= rows:
-        raise InputError(f"{where}: {columns} x {rows} pixels; a 360-degree picture is wider than high, so turn it.")
     low, high = elevation_range_deg
     rows_per_degree = rows / (high - low)
     top = round((high - IMAGE_MAX_ELEVATION_DEG) * rows_per_degree)

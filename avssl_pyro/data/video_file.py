@@ -82,6 +82,19 @@ class VideoFile:
             self._advance(time_s, converted_from_s=_NEVER)
         return self._frame
 
+    def time_stamps(self) -> npt.NDArray[np.float64]:
+        """Times of all frames, seconds, ascending; the container is walked through, nothing is decoded."""
+        capture = _open(self.path)
+        capture.set(cv2.CAP_PROP_FORMAT, -1)
+        times_s, time_s = [], _NEVER
+        while capture.grab():
+            stamp_s = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
+            # Frames are stored in the order of decoding, which jumps forth and back; only all zeros mean no stamps.
+            time_s = stamp_s if stamp_s > 0.0 or time_s == _NEVER else time_s + 1.0 / self.mean_frame_rate
+            times_s.append(time_s)
+        capture.release()
+        return np.sort(np.array(times_s, dtype=np.float64))
+
     def __iter__(self) -> Iterator[tuple[float, npt.NDArray[np.uint8]]]:
         """All frames with their times, seconds; independent of :meth:`frame_at`."""
         capture, time_s = _open(self.path), _NEVER
