@@ -5,19 +5,21 @@ import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
+import tyro
 from tqdm import tqdm
 
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.command import EXIT_INTERRUPTED
-from avssl_pyro.data.audio_file import AudioFile
+from avssl_pyro.data.dcase import write_dcase
 from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.video_file import VideoFile
+from avssl_pyro.data.recording_list import Placement, RecordingFiles
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.interruption import StopRequest
 from avssl_pyro.inference.localization import SourceThresholds
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.recording_result import dcase_csv, json_lines
+from avssl_pyro.inference.recording_result import dcase_rows, json_lines
 from avssl_pyro.inference.streaming import detect
 from avssl_pyro.inference.timeline import Timeline, timeline_of_tracks, timeline_of_windows
 from avssl_pyro.inference.tracking import WindowDetections, track
@@ -43,14 +45,21 @@ class RecordingOptions:
     """With --video: results per second, each of one second of sound; by default 10, or 2 with --refine."""
     tracking: bool = True
     """With --video: link the results over time, so that a source keeps its number and a short miss is bridged."""
-    offset_s: float = 0.0
-    """With --video: audio time minus video time of the same moment; positive when the audio began first."""
-    yaw_deg: float = 0.0
-    """With --video: azimuth, seen from the array, of what the middle of the picture shows; +90 is left."""
+    offset: float = 0.0
+    """With --video: seconds that the audio began before the video; negative if it began later."""
+    yaw: float = 0.0
+    """With --video: azimuth, in degrees counter-clockwise from the array's x axis, of the picture's centre column."""
     mirror: bool = False
     """With --video: the picture shows left and right exchanged."""
-    elevations_deg: tuple[float, float] | None = None
-    """With --video: lowest and highest elevation in the picture, where it is no full sphere twice as wide as high."""
+    elevations: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOWEST HIGHEST")] = None
+    """With --video: elevations in degrees of the picture's bottom and top, if it is no full sphere."""
+    channels: tuple[int, ...] = ()
+    """With --video: channels of the audio for the microphones, in their order, counted from 0; by default all."""
+
+    @property
+    def placement(self) -> Placement:
+        """How picture and channels lie to the array."""
+        return Placement(self.offset, self.yaw, self.mirror, self.elevations, self.channels or None)
 
     def check_unused(self) -> None:
         """Refuses options of recordings where there is none.
@@ -72,20 +81,12 @@ def open_recording(options: RecordingOptions, audio: Path, localizer: Localizer)
     """
     if options.video is None:
         raise InputError("a recording has no video; give --video with --audio.")
-    recording = Recording(
-        options.video.stem,
-        AudioFile(audio),
-        VideoFile(options.video),
-        offset_s=options.offset_s,
-        yaw_deg=options.yaw_deg,
-        mirror=options.mirror,
-        elevation_range_deg=options.elevations_deg,
-    )
+    recording = RecordingFiles(options.video, audio, options.placement).open()
     array = localizer.config.array
     if recording.num_channels != array.num_microphones:
         raise InputError(
             f"{audio}: {recording.num_channels} channel(s), but array '{array.name}' has {array.num_microphones} "
-            "microphones; give a recording of that array, one channel per microphone."
+            "microphones; give a recording of that array, or name its --channels."
         )
     if recording.duration_s < WINDOW_S:
         raise InputError(
@@ -154,7 +155,7 @@ def localize_recording(
         write_atomically(out, json_lines(timeline, "track" if options.tracking else "source_class").encode())
         if options.dcase is not None:
             end_s = windows[-1].time_s + WINDOW_S / 2 if stop.requested and windows else recording.end_s
-            write_atomically(options.dcase, dcase_csv(timeline, end_s).encode())
+            write_dcase(options.dcase, dcase_rows(timeline, end_s))
         if stop.requested:
             reached_s = windows[-1].time_s + WINDOW_S / 2 if windows else recording.start_s
             print(

@@ -1,13 +1,14 @@
-"""The documented results of a whole recording, in degrees: JSON lines ``avssl-window/1``, and DCASE's CSV."""
+"""The documented results of a whole recording, in degrees: JSON lines ``avssl-window/1``, and rows of DCASE's CSV."""
 
 import json
+from collections.abc import Iterator
 
 import numpy as np
 
+from avssl_pyro.data.dcase import FRAME_S, DcaseRow
 from avssl_pyro.inference.timeline import Moment, Timeline
 
 FORMAT = "avssl-window/1"
-DCASE_FRAME_S = 0.1
 
 
 def json_lines(timeline: Timeline, name_field: str) -> str:
@@ -40,18 +41,13 @@ def _window_dict(moment: Moment, name_field: str) -> dict[str, object]:
     }
 
 
-def dcase_csv(timeline: Timeline, end_s: float) -> str:
-    """The sources of every 100-ms frame as DCASE writes them: frame, class, source, azimuth, elevation.
-
-    Class and elevation are not estimated and always 0; azimuths are whole degrees, counter-clockwise, +90 is left.
+def dcase_rows(timeline: Timeline, end_s: float) -> Iterator[DcaseRow]:
+    """The sources of every 100-ms frame; class and elevation are not estimated, and 0.
 
     Args:
         timeline: what was found.
         end_s: where the recording ends; a frame counts if its middle lies before it.
     """
-    rows: list[str] = []
-    for frame in range(round(end_s / DCASE_FRAME_S)):
-        for source in timeline.at((frame + 0.5) * DCASE_FRAME_S):
-            azimuth_deg = (round(float(np.rad2deg(source.azimuth))) + 180) % 360 - 180
-            rows.append(f"{frame},0,{source.name},{azimuth_deg},0\n")
-    return "".join(rows)
+    for frame in range(round(end_s / FRAME_S)):
+        for source in timeline.at((frame + 0.5) * FRAME_S):
+            yield DcaseRow(frame, 0, source.name, float(np.rad2deg(source.azimuth)))

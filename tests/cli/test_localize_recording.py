@@ -1,6 +1,5 @@
 """localize.py on a whole recording: its results, their interruption, and one sentence for everything that is wrong."""
 
-import csv
 import json
 import re
 import shlex
@@ -17,6 +16,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import localize_recording
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.localize import main
+from avssl_pyro.data.dcase import read_dcase
 from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.interruption import StopRequest
 from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
@@ -75,14 +75,13 @@ def test_a_recording_gives_lines_csv_and_a_video(
         assert isinstance(sources, list) and sources
         assert {"source_class", "azimuth_deg", "azimuth_std_deg", "level"} == set(sources[0])
         assert [source["level"] for source in sources] == sorted((s["level"] for s in sources), reverse=True)
-    rows = [[int(cell) for cell in row] for row in csv.reader(table.open())]
+    rows = read_dcase(table)
     # A 100-ms frame has the result of the window around it; the ends have that of the nearest.
-    assert sorted({row[0] for row in rows}) == list(range(30))
-    assert all(len(row) == 5 and row[1] == row[4] == 0 and -180 <= row[3] < 180 for row in rows)
+    assert sorted({row.frame for row in rows}) == list(range(30))
     first = lines[0]["sources"]
     assert isinstance(first, list)
-    expected = [(round(source["azimuth_deg"]) + 180) % 360 - 180 for source in first]
-    assert [row[3] for row in rows if row[0] == 0] == expected
+    expected = {source["source_class"]: source["azimuth_deg"] for source in first}
+    assert {row.source: row.azimuth_deg for row in rows if row.frame == 0} == pytest.approx(expected, abs=0.06)
     with av.open(str(annotated)) as container:
         assert container.streams.video[0].codec_context.name == "h264"
         assert container.streams.audio[0].codec_context.name == "aac"
@@ -146,16 +145,16 @@ def test_an_interrupted_run_leaves_whole_lines_and_says_how_far_it_came(
     assert main(arguments(checkpoint, recording, out, *more)) == 130
     assert "interrupted at 1.5 s of 3.0 s" in capsys.readouterr().err
     assert [line["time_s"] for line in lines_of(out)] == pytest.approx([0.5, 0.6, 0.7, 0.8, 0.9, 1.0])
-    assert {int(row[0]) for row in csv.reader(table.open())} == set(range(15))
+    assert {row.frame for row in read_dcase(table)} == set(range(15))
     assert not annotated.exists()
 
 
 def no_overlap(_video: Path, _audio: Path) -> list[str]:
-    return ["--offset-s", "100"]
+    return ["--offset", "100"]
 
 
 def short_overlap(_video: Path, _audio: Path) -> list[str]:
-    return ["--offset-s", "2.5"]
+    return ["--offset", "2.5"]
 
 
 def missing_audio(_video: Path, audio: Path) -> list[str]:
