@@ -10,31 +10,15 @@ import av
 import numpy as np
 import pytest
 import soundfile
-import torch
 
-from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import localize_recording
-from avssl_pyro.cli.command import run
 from avssl_pyro.cli.localize import main
 from avssl_pyro.data.dcase import read_dcase
-from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.interruption import StopRequest
-from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
 from avssl_pyro.viz.video_writer import open_video
 
-ARRAY = PRESETS["circle4"]
 ROWS, COLUMNS, FRAME_RATE, SECONDS = 160, 320, 10.0, 3
 ALL_CLASSES = ("--peak-threshold", "0", "--level-threshold", "0")
-
-
-@pytest.fixture(scope="module")
-def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    torch.manual_seed(0)
-    path = tmp_path_factory.mktemp("checkpoint") / "small.safetensors"
-    save_checkpoint(
-        path, build_system(SystemConfig(ARRAY, guide=GuideConfig(visual_channels=(4, 8), audio_channels=8)))
-    )
-    return path
 
 
 @pytest.fixture
@@ -225,24 +209,22 @@ def test_bad_input_gets_one_sentence_and_leaves_nothing(
     checkpoint: Path,
     recording: tuple[Path, Path],
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    refusal: Callable[[Callable[[], int | None]], str],
 ) -> None:
     more = breakage(*recording)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    with pytest.raises(SystemExit) as exit_info:
-        run(lambda: main(arguments(checkpoint, recording, tmp_path / "out.jsonl", *more)))
-    assert exit_info.value.code == 2
-    message = capsys.readouterr().err
-    assert says in message
-    assert message.count("\n") == 1
+    assert says in refusal(lambda: main(arguments(checkpoint, recording, tmp_path / "out.jsonl", *more)))
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize("option", ["--dcase", "--annotated"])
 def test_outputs_of_recordings_need_one(
-    option: str, checkpoint: Path, recording: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    option: str,
+    checkpoint: Path,
+    recording: tuple[Path, Path],
+    tmp_path: Path,
+    refusal: Callable[[Callable[[], int | None]], str],
 ) -> None:
     files = ["--image", str(recording[0]), "--audio", str(recording[1]), "--out", str(tmp_path / "out.json")]
-    with pytest.raises(SystemExit):
-        run(lambda: main(["--checkpoint", str(checkpoint), *files, option, str(tmp_path / "out.mp4")]))
-    assert f"{option} is for whole recordings; give --video with --audio" in capsys.readouterr().err
+    message = refusal(lambda: main(["--checkpoint", str(checkpoint), *files, option, str(tmp_path / "out.mp4")]))
+    assert f"{option} is for whole recordings; give --video with --audio" in message
