@@ -1,10 +1,10 @@
-"""Localizes the sounding objects of clips with a trained system."""
+"""Localizes the sounding objects of clips, or of a whole recording, with a trained system."""
 
 import csv
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +15,7 @@ from tqdm import tqdm
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.data.files import read_clip
 from avssl_pyro.errors import InputError
@@ -34,7 +35,7 @@ class LocalizeOptions:
     """Tell which objects in a 360-degree image are sounding, where, how much, and how sure that is."""
 
     out: Path
-    """Result: JSON for one clip, JSON lines for a manifest."""
+    """Result: JSON for one clip, JSON lines for a manifest or a recording."""
     checkpoint: Path = Path("runs/demo") / CHECKPOINT_NAME
     """Checkpoint of svi_train.py (.safetensors); by default the one that the demo leaves."""
     image: Path | None = None
@@ -56,6 +57,8 @@ class LocalizeOptions:
     """Least weight of a source's strongest direction; more spread classes are taken for diffuse noise."""
     device: str = "cpu"
     """Torch device."""
+    recording: Annotated[RecordingOptions, tyro.conf.arg(name="")] = field(default_factory=RecordingOptions)
+    """A whole recording."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +67,18 @@ class _Input:
     audio: Path
 
 
-def main(args: Sequence[str] | None = None) -> None:
+def main(args: Sequence[str] | None = None) -> int | None:
     """Runs the command with ``args`` (by default those of the process).
+
+    Returns:
+        The exit code, None for success.
 
     Raises:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`; no output is written then.
     """
     options = tyro.cli(LocalizeOptions, args=args)
-    inputs = _inputs(options)
+    whole = options.recording.video is not None
+    inputs = [] if whole else _inputs(options)
     system = load_checkpoint(options.checkpoint)
     array = system.config.array
     if options.array is not None:
@@ -87,6 +94,9 @@ def main(args: Sequence[str] | None = None) -> None:
     refinement = system.refinement(rounds=options.refine) if options.refine else None
     localizer = Localizer(system, options.device, refinement=refinement)
     thresholds = SourceThresholds(options.level_threshold, options.peak_threshold)
+    if whole:
+        audio = _audio_of_recording(options)
+        return localize_recording(options.recording, audio, options.out, localizer, thresholds, options.refine > 0)
     # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
     for entry in inputs:
         _warn_of_dead_channels(read_clip(entry.image, entry.audio, array), array, entry.audio)
@@ -95,6 +105,7 @@ def main(args: Sequence[str] | None = None) -> None:
     write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())
     if options.manifest is None:
         _print_sources(json.loads(lines[0]))
+    return None
 
 
 def check_array(system: System, array: MicrophoneArray, where: str) -> None:
@@ -125,13 +136,25 @@ def check_array(system: System, array: MicrophoneArray, where: str) -> None:
         )
 
 
+def _audio_of_recording(options: LocalizeOptions) -> Path:
+    for name in ("image", "manifest", "overlay"):
+        if getattr(options, name) is not None:
+            raise InputError(f"--{name} is for single clips; leave it out, or leave out --video.")
+    if options.audio is None:
+        raise InputError("give --audio with --video: the array's recording, one channel per microphone.")
+    return options.audio
+
+
 def _inputs(options: LocalizeOptions) -> list[_Input]:
+    options.recording.check_unused()
     if options.manifest is not None:
         if options.image is not None or options.audio is not None:
             raise InputError("give either --manifest or --image with --audio, not both.")
         return read_manifest(options.manifest)
     if options.image is None or options.audio is None:
-        raise InputError("give --image and --audio, or --manifest with many of them.")
+        raise InputError(
+            "give --image and --audio, or --manifest with many of them, or --video and --audio for a whole recording."
+        )
     return [_Input(options.image, options.audio)]
 
 
