@@ -1,0 +1,148 @@
+"""How well an array explains a recording, without knowing any direction: the yardstick of channel order, delays, units.
+
+Every excerpt is a mixture over directions of the model's own likelihood with one template each, plus a diffuse class.
+With H = a a^H + eps I the profiled density (Eqs. 13, 14) has by Sherman and Morrison the closed form
+- M log(|x|^2 - |a^H x|^2 / (M + eps)) + const, so that a wrong array costs no more than a right one.
+The shares of the directions are fitted by a few rounds of EM. A wrong array puts the frequencies of one sound into
+different directions, and that costs likelihood.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.stft import StftConfig, stft
+
+DIFFUSE = 0.1
+EM_ROUNDS = 5
+# Concentration that keeps an empty direction from being lost for good in the first round.
+LEAST_SHARE = 1e-6
+LEAST_POWER_SHARE = 1e-8
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """What of an excerpt is explained, and by which directions.
+
+    Args:
+        num_azimuths: evenly spread over the circle.
+        elevations_deg: of every azimuth.
+        low_hz: lowest frequency.
+        high_hz: highest frequency.
+        frame_step: every how many frames are used.
+    """
+
+    num_azimuths: int = 40
+    elevations_deg: tuple[float, ...] = (0.0, 25.0)
+    low_hz: float = 200.0
+    high_hz: float = 3500.0
+    frame_step: int = 4
+
+    @property
+    def directions(self) -> npt.NDArray[np.float64]:
+        """Unit vectors, (D, 3)."""
+        azimuth, elevation = np.meshgrid(
+            2 * np.pi * np.arange(self.num_azimuths) / self.num_azimuths, np.deg2rad(self.elevations_deg)
+        )
+        horizontal = np.cos(elevation)
+        vectors = [horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)]
+        return np.stack(vectors, axis=-1).reshape(-1, 3)
+
+
+class Fit(NamedTuple):
+    """An array's account of some excerpts.
+
+    Args:
+        log_likelihood_b: mean over time-frequency bins, (B,), nats, up to a constant of the excerpt.
+        responsibility_bftd: of every direction for every bin, (B, F, T, D); what is missing to 1 is diffuse.
+    """
+
+    log_likelihood_b: npt.NDArray[np.float64]
+    responsibility_bftd: Tensor
+
+
+class Residual(NamedTuple):
+    """A channel beside what the others predict of it.
+
+    Args:
+        delay_s: how late it comes; negative if early.
+        agreement: cosine between channel and prediction at that delay, in [-1, 1]; negative if inverted.
+    """
+
+    delay_s: float
+    agreement: float
+
+
+class ArrayFit:
+    """Compares arrays, channel orders and delays on the same excerpts.
+
+    Args:
+        num_channels: M.
+        config: directions and frequencies.
+    """
+
+    def __init__(self, config: FitConfig) -> None:
+        self.config = config
+        self._stft = StftConfig(low_hz=config.low_hz, high_hz=config.high_hz, bin_step=2)
+        self._directions_dx = config.directions
+
+    def spectrogram(self, audio_bmn: npt.NDArray[np.float32]) -> Tensor:
+        """Spectrogram x_bftm of the frames and frequencies that take part, all channels of equal power."""
+        x_bfmt = stft(torch.from_numpy(audio_bmn), self._stft)[..., :: self.config.frame_step]
+        power_m = x_bfmt.abs().square().mean((0, 1, 3))
+        x_bfmt = x_bfmt / power_m.clamp_min(torch.finfo(power_m.dtype).tiny).sqrt()[:, None]
+        return x_bfmt.transpose(-2, -1).contiguous()
+
+    def steering(self, array: MicrophoneArray) -> Tensor:
+        """Free-field steering vectors a_fdm of the directions."""
+        lead_dm = self._directions_dx @ array.positions.T / array.speed_of_sound
+        phase_fdm = 2 * np.pi * self._stft.frequencies[:, None, None] * lead_dm
+        return torch.from_numpy(np.exp(1j * phase_fdm)).to(torch.complex64)
+
+    def fit(self, x_bftm: Tensor, steering_fdm: Tensor) -> Fit:
+        """Explains a spectrogram of :meth:`spectrogram` by directions."""
+        m, num_directions = x_bftm.shape[-1], steering_fdm.shape[1]
+        power_bft1 = x_bftm.abs().square().sum(-1, keepdim=True)
+        power_bft1 = power_bft1 + LEAST_POWER_SHARE * power_bft1.mean((1, 2), keepdim=True).clamp_min(1e-30)
+        # A common factor of a bin, such as its power, changes no comparison.
+        beam_bftd = (x_bftm @ steering_fdm.conj().transpose(-2, -1)).abs().square()
+        left_bftd = 1 - beam_bftd / (power_bft1 * (m + DIFFUSE))
+        # log det H is (M - 1) log eps + log(M + eps), and the quadratic form has 1 / eps before the bracket.
+        bias = m * np.log(DIFFUSE) - (m - 1) * np.log(DIFFUSE) - np.log(m + DIFFUSE)
+        log_density_bftd = bias - m * left_bftd.clamp_min(1e-6).log()
+        # The diffuse class has H = I and a density of one in these units.
+        log_density_bftd = torch.cat([log_density_bftd, torch.zeros_like(power_bft1)], dim=-1)
+        share_bd = torch.full((x_bftm.shape[0], num_directions + 1), 0.5 / num_directions)
+        share_bd[:, -1] = 0.5
+        for _ in range(EM_ROUNDS):
+            joint_bftd = log_density_bftd + share_bd.log()[:, None, None]
+            responsibility_bftd = joint_bftd.softmax(-1)
+            share_bd = responsibility_bftd.mean((1, 2)).clamp_min(LEAST_SHARE)
+        evidence_bft = (log_density_bftd + share_bd.log()[:, None, None]).logsumexp(-1)
+        return Fit(evidence_bft.mean((1, 2)).double().numpy(), responsibility_bftd[..., :-1])
+
+    def residual(self, x_bftm: Tensor, steering_fdm: Tensor, channel: int, longest_s: float) -> Residual:
+        """Compares a channel with what the others predict of it, over all bins and excerpts.
+
+        Directions are found by the other channels alone; the phase between channel and prediction, averaged over
+        everything, is a line over frequency whose slope is the channel's delay and whose sign its polarity.
+        """
+        others = [m for m in range(x_bftm.shape[-1]) if m != channel]
+        fit = self.fit(x_bftm[..., others], steering_fdm[..., others])
+        predicted_bftd = x_bftm[..., others] @ steering_fdm[:, :, others].conj().transpose(-2, -1)
+        predicted_bftd *= steering_fdm[:, :, channel][:, None]
+        cross_bftd = x_bftm[..., channel, None] * predicted_bftd.conj()
+        size_bftd = cross_bftd.abs().clamp_min(1e-20)
+        weighted_bftd = fit.responsibility_bftd * cross_bftd / size_bftd
+        cross_f = weighted_bftd.sum((0, 2, 3)).numpy()
+        total = float(fit.responsibility_bftd.sum())
+        delay_s = np.arange(-longest_s, longest_s, 0.1 / self._stft.sample_rate)
+        phase_sf = np.exp(2j * np.pi * delay_s[:, None] * self._stft.frequencies)
+        agreement_s = (phase_sf @ cross_f).real / max(total, 1e-20)
+        best = int(np.abs(agreement_s).argmax())
+        return Residual(float(delay_s[best]), float(agreement_s[best]))
