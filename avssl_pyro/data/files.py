@@ -8,13 +8,12 @@ import numpy.typing as npt
 import soundfile
 from scipy.signal import resample_poly
 
+from avssl_pyro.data.audio_file import check_samples
 from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS, SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
 
 MAX_SECONDS = 10.0
 MIN_SECONDS = 0.1
-# Float files of 32-bit integers that nobody scaled are the largest that make sense.
-MAX_AMPLITUDE = 2.0**31
 
 
 def read_audio(path: Path, num_microphones: int, array_name: str) -> npt.NDArray[np.float32]:
@@ -47,16 +46,7 @@ def read_audio(path: Path, num_microphones: int, array_name: str) -> npt.NDArray
             f"{path}: {len(audio_nm)} samples ({1e3 * len(audio_nm) / rate:.0f} ms); a clip needs at least "
             f"{1e3 * MIN_SECONDS:.0f} ms."
         )
-    if not np.isfinite(audio_nm).all():
-        frame, channel = np.argwhere(~np.isfinite(audio_nm))[0]
-        raise InputError(
-            f"{path}: sample {frame} of channel {channel + 1} is not a finite number; export the recording again."
-        )
-    largest = float(np.abs(audio_nm).max())
-    if largest > MAX_AMPLITUDE:
-        raise InputError(
-            f"{path}: a sample is as large as {largest:.3g} where full scale is 1; export the recording again."
-        )
+    check_samples(audio_nm, path)
     if rate != SAMPLE_RATE:
         divisor = int(np.gcd(rate, SAMPLE_RATE))
         audio_nm = resample_poly(audio_nm, SAMPLE_RATE // divisor, rate // divisor, axis=0)
