@@ -124,11 +124,9 @@ class ArrayMatch:
 
     def _candidates(self, audio_bmn: Audio, array: MicrophoneArray) -> list[Repair]:
         num = array.num_microphones
-        candidates: list[Repair] = [
-            Exchange(members[0], tuple(members[1:])) for members in exchange_classes(array)[1:]
-        ]
+        candidates: list[Repair] = [Exchange(members[0], tuple(members[1:])) for members in exchange_classes(array)[1:]]
         # With two channels one inversion is as good as the other.
-        candidates += [Inversion(channel, num) for channel in range(1 if num == 2 else num)]
+        candidates += [Inversion(channel) for channel in range(1 if num == 2 else num)]
         pairs = PairDelays.of(audio_bmn)
         candidates += self._delays(audio_bmn, array, pairs)
         if num > 2:
@@ -139,13 +137,13 @@ class ArrayMatch:
 
     def _delays(self, audio_bmn: Audio, array: MicrophoneArray, pairs: PairDelays) -> list[Delay]:
         num = array.num_microphones
-        delays = [Delay(late, delay_s, num) for late, delay_s in pairs.late_groups(array)]
+        delays = [Delay(late, delay_s) for late, delay_s in pairs.late_groups(array)]
         if num > 2:
             x_bftm, steering_fdm = self._fit.spectrogram(audio_bmn), self._fit.steering(array)
             longest_s = float(longest_delays(array).max())
             for channel in range(num):
                 residual = self._fit.residual(x_bftm, steering_fdm, channel, longest_s)
-                delays.append(Delay((channel,), residual.delay_s, num))
+                delays.append(Delay((channel,), residual.delay_s))
         return [delay for delay in delays if abs(delay.delay_s) > LEAST_DELAY_S]
 
 
@@ -185,7 +183,13 @@ def check_array_match(audio_bmn: Audio, array: MicrophoneArray, names: list[int]
     """
     match = ArrayMatch(audio_bmn, array)
     findings = [
-        Finding(proof.repair.check, proof.repair.severity, proof.repair.message, proof.confidence, proof.repair.advice)
+        Finding(
+            proof.repair.check,
+            proof.repair.severity,
+            proof.repair.message(names),
+            proof.confidence,
+            proof.repair.advice(names),
+        )
         for proof in match.repairs()
     ]
     deaf = [names[channel] for channel in match.deaf()]

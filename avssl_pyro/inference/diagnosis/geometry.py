@@ -87,9 +87,8 @@ def _aliasing(array: MicrophoneArray) -> list[Finding]:
         found = f"spatial aliasing starts at {limit_hz:.0f} Hz, above what is recorded"
         return [Finding(CHECK, Severity.OK, found, 1.0)]
     few = array.num_microphones <= 3
-    found = (
-        f"spatial aliasing starts at {limit_hz:.0f} Hz: above, a single frequency does not tell a direction"
-        + (", and few microphones leave false peaks" if few else ", all of them together still do")
+    found = f"spatial aliasing starts at {limit_hz:.0f} Hz: above, a single frequency does not tell a direction" + (
+        ", and few microphones leave false peaks" if few else ", all of them together still do"
     )
     return [Finding(CHECK, Severity.NOTE, found, 1.0, "closer microphones raise the limit" if few else "")]
 

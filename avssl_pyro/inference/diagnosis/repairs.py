@@ -10,7 +10,7 @@ import numpy.typing as npt
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.data.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.diagnosis.finding import Severity, channels, listed
+from avssl_pyro.inference.diagnosis.finding import Severity, channels
 
 Audio = npt.NDArray[np.float32]
 
@@ -24,13 +24,11 @@ class Repair(Protocol):
     @property
     def severity(self) -> Severity: ...
 
-    @property
-    def message(self) -> str:
-        """The fault."""
+    def message(self, names: Sequence[int]) -> str:
+        """The fault; ``names`` are the channels' numbers in the file, counted from 0."""
         ...
 
-    @property
-    def advice(self) -> str: ...
+    def advice(self, names: Sequence[int]) -> str: ...
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
         """Audio and array as they would be without the fault.
@@ -55,13 +53,11 @@ class Exchange:
     check: str = "channel order"
     severity: Severity = Severity.ERROR
 
-    @property
-    def message(self) -> str:
-        either = [f"channels {first + 1} and {second + 1}" for first, second in (self.pair, *self.twins)]
+    def message(self, names: Sequence[int]) -> str:
+        either = [channels([names[m] for m in pair]) for pair in (self.pair, *self.twins)]
         return f"{', or '.join(either)} are exchanged"
 
-    @property
-    def advice(self) -> str:
+    def advice(self, names: Sequence[int]) -> str:
         return "exchange their rows in the array file, or their cables, and run this again"
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
@@ -72,21 +68,18 @@ class Exchange:
 
 @dataclass(frozen=True)
 class Inversion:
-    """Channels have the wrong sign; ``num_channels`` tells whether one could as well be the other's fault."""
+    """A channel has the wrong sign."""
 
     channel: int
-    num_channels: int
     check: str = "polarity"
     severity: Severity = Severity.ERROR
 
-    @property
-    def message(self) -> str:
-        if self.num_channels == 2:
-            return "channel 1 or 2 is inverted: they have opposite signs"
-        return f"{channels([self.channel])} is inverted: its sign is opposite to the others'"
+    def message(self, names: Sequence[int]) -> str:
+        if len(names) == 2:
+            return f"{channels(list(names))} have opposite signs: one of them is inverted"
+        return f"{channels([names[self.channel]])} is inverted: its sign is opposite to the others'"
 
-    @property
-    def advice(self) -> str:
+    def advice(self, names: Sequence[int]) -> str:
         return "multiply the channel by -1, or mend its cable"
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
@@ -101,21 +94,18 @@ class Delay:
 
     late: tuple[int, ...]
     delay_s: float
-    num_channels: int
     check: str = "delays"
     severity: Severity = Severity.ERROR
 
-    @property
-    def message(self) -> str:
+    def message(self, names: Sequence[int]) -> str:
         samples = abs(self.delay_s) * SAMPLE_RATE
         size = f"{1e3 * abs(self.delay_s):.2f} ms ({samples:.1f} samples at {SAMPLE_RATE // 1000} kHz)"
         verb = "comes" if len(self.late) == 1 else "come"
-        return f"{channels(list(self.late))} {verb} {size} {'late' if self.delay_s > 0 else 'early'}"
+        return f"{channels([names[m] for m in self.late])} {verb} {size} {'late' if self.delay_s > 0 else 'early'}"
 
-    @property
-    def advice(self) -> str:
-        others = [str(channel + 1) for channel in range(self.num_channels) if channel not in self.late]
-        return f"shift against channel{'s' if len(others) > 1 else ''} {listed(others)}, or record with one clock"
+    def advice(self, names: Sequence[int]) -> str:
+        others = [name for channel, name in enumerate(names) if channel not in self.late]
+        return f"shift against {channels(others)}, or record all with one clock"
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
         mended_bmn = audio_bmn.copy()
@@ -131,13 +121,11 @@ class Rescaling:
     check: str = "units"
     severity: Severity = Severity.ERROR
 
-    @property
-    def message(self) -> str:
+    def message(self, names: Sequence[int]) -> str:
         ratio, side = max(self.factor, 1 / self.factor), "small" if self.factor > 1 else "large"
         return f"the array's positions are about {ratio:.2g} times too {side} ({_likely_slip(ratio)})"
 
-    @property
-    def advice(self) -> str:
+    def advice(self, names: Sequence[int]) -> str:
         return "give positions in metres, and a recording whose header holds its true sample rate"
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
