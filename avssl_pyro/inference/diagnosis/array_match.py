@@ -188,7 +188,7 @@ def check_array_match(audio_bmn: Audio, array: MicrophoneArray, names: list[int]
             proof.repair.severity,
             proof.repair.message(names),
             proof.confidence,
-            proof.repair.advice(names),
+            proof.repair.advice,
         )
         for proof in match.repairs()
     ]

@@ -28,7 +28,10 @@ class Repair(Protocol):
         """The fault; ``names`` are the channels' numbers in the file, counted from 0."""
         ...
 
-    def advice(self, names: Sequence[int]) -> str: ...
+    @property
+    def advice(self) -> str:
+        """What to do."""
+        ...
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
         """Audio and array as they would be without the fault.
@@ -57,7 +60,8 @@ class Exchange:
         either = [channels([names[m] for m in pair]) for pair in (self.pair, *self.twins)]
         return f"{', or '.join(either)} are exchanged"
 
-    def advice(self, names: Sequence[int]) -> str:
+    @property
+    def advice(self) -> str:
         return "exchange their rows in the array file, or their cables, and run this again"
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
@@ -79,7 +83,8 @@ class Inversion:
             return f"{channels(list(names))} have opposite signs: one of them is inverted"
         return f"{channels([names[self.channel]])} is inverted: its sign is opposite to the others'"
 
-    def advice(self, names: Sequence[int]) -> str:
+    @property
+    def advice(self) -> str:
         return "multiply the channel by -1, or mend its cable"
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
@@ -103,9 +108,9 @@ class Delay:
         verb = "comes" if len(self.late) == 1 else "come"
         return f"{channels([names[m] for m in self.late])} {verb} {size} {'late' if self.delay_s > 0 else 'early'}"
 
-    def advice(self, names: Sequence[int]) -> str:
-        others = [name for channel, name in enumerate(names) if channel not in self.late]
-        return f"shift against {channels(others)}, or record all with one clock"
+    @property
+    def advice(self) -> str:
+        return "shift back against the other channels, or record all with one clock"
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
         mended_bmn = audio_bmn.copy()
@@ -121,11 +126,12 @@ class Rescaling:
     check: str = "units"
     severity: Severity = Severity.ERROR
 
-    def message(self, names: Sequence[int]) -> str:
+    def message(self, names: Sequence[int]) -> str:  # noqa: ARG002
         ratio, side = max(self.factor, 1 / self.factor), "small" if self.factor > 1 else "large"
         return f"the array's positions are about {ratio:.2g} times too {side} ({_likely_slip(ratio)})"
 
-    def advice(self, names: Sequence[int]) -> str:
+    @property
+    def advice(self) -> str:
         return "give positions in metres, and a recording whose header holds its true sample rate"
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:

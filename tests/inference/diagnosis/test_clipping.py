@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avssl_pyro.data.excerpts import Excerpts
@@ -8,6 +8,7 @@ from avssl_pyro.inference.diagnosis.clipping import check_clipping, clipped_runs
 from avssl_pyro.inference.diagnosis.finding import Severity
 
 
+@settings(max_examples=25, deadline=None)
 @given(st.floats(100.0, 3000.0), st.floats(0.1, 1.0), st.sampled_from([16_000, 48_000]))
 def test_a_modulated_tone_is_not_clipped_until_it_is(frequency_hz: float, level: float, rate: int) -> None:
     time_n = np.arange(rate) / rate
@@ -15,8 +16,9 @@ def test_a_modulated_tone_is_not_clipped_until_it_is(frequency_hz: float, level:
     samples_n = (np.round(wave_n * 32767) / 32767).astype(np.float32)
     assert clipped_runs(samples_n[None])[0] < 4
     cut_n = samples_n.clip(-1, 0.2 * level)
-    assert clipped_runs(cut_n[None]) == (pytest.approx(clipped_runs(cut_n[None])[0]), pytest.approx(0.2 * level))
-    assert clipped_runs(cut_n[None])[0] >= 4
+    runs, at = clipped_runs(cut_n[None])
+    assert runs >= 4
+    assert at == pytest.approx(0.2 * level)
 
 
 def test_a_faint_recording_of_few_levels_is_not_clipped() -> None:

@@ -1,4 +1,4 @@
-"""Yaw and mirror, with a stand-in for the visual network whose answer is known: it marks red, green and blue columns."""
+"""Yaw and mirror, with a stand-in for the visual network whose answer is known: it marks colours."""
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,7 @@ class MarksColors:
 
 
 def scene(rng: np.random.Generator, number: int) -> Clip:
-    """Talkers of sparse noise in free field, each in front of a coloured bar; one bar more stands for somebody silent."""
+    """Talkers of sparse noise in free field, each behind a coloured bar; one bar more is somebody silent."""
     azimuths = rng.permutation(8)[:3] * np.pi / 4 + rng.uniform(0, 0.3) - np.pi
     frequencies = np.fft.rfftfreq(NUM_SAMPLES, 1 / 16_000)
     audio_mn = 0.003 * rng.standard_normal((4, NUM_SAMPLES))
