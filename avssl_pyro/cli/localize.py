@@ -44,7 +44,8 @@ class LocalizeOptions:
     manifest: Annotated[Path | None, tyro.conf.arg(metavar="CLIPS.csv")] = None
     """Instead of --image and --audio: a CSV file with columns audio and image; paths are relative to it."""
     array: str | None = None
-    """Preset or YAML file of the array that recorded. The checkpoint knows its own; give it to have that checked."""
+    """Preset or YAML file of the array that recorded. The checkpoint knows its own; give it to have that checked, or
+    because this recording has the microphones on other channels."""
     overlay: Path | None = None
     """Picture to write; a folder in case of a manifest."""
     refine: int = 0
@@ -72,8 +73,10 @@ def main(args: Sequence[str] | None = None) -> None:
     options = tyro.cli(LocalizeOptions, args=args)
     inputs = _inputs(options)
     system = load_checkpoint(options.checkpoint)
+    array = system.config.array
     if options.array is not None:
-        check_array(system, resolve_array(options.array), str(options.checkpoint))
+        array = resolve_array(options.array)
+        check_array(system, array, str(options.checkpoint))
     for name, value in (("level", options.level_threshold), ("peak", options.peak_threshold)):
         if not 0 <= value <= 1:
             raise InputError(f"--{name}-threshold is {value}; give a number from 0 to 1.")
@@ -86,9 +89,9 @@ def main(args: Sequence[str] | None = None) -> None:
     thresholds = SourceThresholds(options.level_threshold, options.peak_threshold)
     # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
     for entry in inputs:
-        _warn_of_dead_channels(_read(entry, localizer), entry.audio)
+        _warn_of_dead_channels(read_clip(entry.image, entry.audio, array), array, entry.audio)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = list(_results(inputs, options, localizer, thresholds))
+    lines = list(_results(inputs, options, array, localizer, thresholds))
     write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())
     if options.manifest is None:
         _print_sources(json.loads(lines[0]))
@@ -98,7 +101,7 @@ def check_array(system: System, array: MicrophoneArray, where: str) -> None:
     """Refuses a checkpoint that was trained for another array.
 
     Raises:
-        InputError: the numbers of microphones or their places differ.
+        InputError: the numbers of microphones, their places, or the kinds of steering differ.
     """
     trained = system.config.array
     if trained.num_microphones != array.num_microphones:
@@ -106,8 +109,15 @@ def check_array(system: System, array: MicrophoneArray, where: str) -> None:
             f"{where}: trained for array '{trained.name}' with {trained.num_microphones} microphones, but "
             f"'{array.name}' has {array.num_microphones}; give a checkpoint of this array."
         )
+    if trained.steering != array.steering:
+        raise InputError(
+            f"{where}: trained for array '{trained.name}' {trained.steering.phrase}, but '{array.name}' hears "
+            f"{array.steering.phrase}; give a checkpoint of this array."
+        )
+    if len(trained.positions) != len(array.positions):
+        return  # Of measured responses, positions are a remark.
     distances_m = np.linalg.norm(trained.positions - array.positions, axis=-1)
-    if distances_m.max() > SAME_PLACE_M:
+    if distances_m.max(initial=0.0) > SAME_PLACE_M:
         worst = int(distances_m.argmax())
         raise InputError(
             f"{where}: trained for array '{trained.name}', whose microphone {worst + 1} is "
@@ -151,23 +161,22 @@ def read_manifest(path: Path) -> list[_Input]:
     return [_Input(path.parent / row["image"], path.parent / row["audio"]) for row in rows]
 
 
-def _read(entry: _Input, localizer: Localizer) -> Clip:
-    array = localizer.config.array
-    return read_clip(entry.image, entry.audio, array.num_microphones, array.name)
-
-
-def _warn_of_dead_channels(clip: Clip, path: Path) -> None:
-    dead = [str(channel) for channel, audio_n in enumerate(clip.audio_mn, start=1) if not audio_n.any()]
+def _warn_of_dead_channels(clip: Clip, array: MicrophoneArray, path: Path) -> None:
+    channels = zip(array.channel_indices, clip.audio_mn, strict=True)
+    dead = [str(channel + 1) for channel, audio_n in channels if not audio_n.any()]
     if dead:
         print(f"warning: {path}: channel {', '.join(dead)} is silent throughout.", file=sys.stderr)
 
 
 def _results(
-    inputs: Sequence[_Input], options: LocalizeOptions, localizer: Localizer, thresholds: SourceThresholds
+    inputs: Sequence[_Input],
+    options: LocalizeOptions,
+    array: MicrophoneArray,
+    localizer: Localizer,
+    thresholds: SourceThresholds,
 ) -> Iterator[str]:
-    array = localizer.config.array
     for number, entry in enumerate(tqdm(inputs, unit="clip", desc="localizing", disable=len(inputs) == 1)):
-        clip = _read(entry, localizer)
+        clip = read_clip(entry.image, entry.audio, array)
         (posterior,) = localizer.posteriors([clip])
         sources = select_sources(posterior, localizer.config.grid, thresholds)
         if options.overlay is not None:

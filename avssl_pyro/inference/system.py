@@ -10,7 +10,6 @@ from torch import Tensor
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.data.clip import SAMPLE_RATE
 from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
@@ -113,8 +112,8 @@ class SystemConfig:
         return DirectionGrid(self.model.num_directions)
 
     def steering(self, dtype: torch.dtype = torch.complex64) -> Tensor:
-        """Free-field steering vectors of the array, (F, D, M)."""
-        return FreeField(self.array)(self.grid, self.stft.frequencies).to(dtype)
+        """Steering vectors of the array, of whatever kind it is, (F, D, M)."""
+        return self.array.steering_vectors(self.grid, self.stft.frequencies).to(dtype)
 
 
 @dataclass(frozen=True)
