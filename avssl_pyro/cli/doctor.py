@@ -16,7 +16,7 @@ from avssl_pyro.cli.localize import check_array
 from avssl_pyro.data.clip import SAMPLE_RATE, Clip
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
-from avssl_pyro.data.files import read_image
+from avssl_pyro.data.files import check_channels, read_image
 from avssl_pyro.data.recording import AudioFile, Recording, VideoFile
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
@@ -48,8 +48,6 @@ class DoctorOptions:
     """Instead of files: a folder of shards."""
     array: str | None = None
     """Preset or YAML file of the array; by default that of --data or --checkpoint."""
-    channels: tuple[int, ...] | None = None
-    """Channels of the audio file, counted from 0, in the order of the microphones; by default all of them."""
     checkpoint: Path | None = None
     """Checkpoint of svi_train.py: finds out how the camera is turned against the array and whether it is mirrored."""
     offset_s: float = 0.0
@@ -87,7 +85,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 def _examine_shards(folder: Path, options: DoctorOptions, system: System | None) -> tuple[Finding, ...]:
     wanted = None if options.array is None else resolve_array(options.array)
-    dataset = SceneDataset(folder, wanted, options.channels)
+    dataset = SceneDataset(folder, wanted)
     clips = [dataset[index] for index in evenly(len(dataset), MOST_EXCERPTS)]
     findings = examine(Excerpts.of_clips(clips), dataset.array)
     return (*findings, *_camera(options, system, dataset.array, clips))
@@ -98,19 +96,18 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
         raise InputError("give either --video or --image, not both.")
     array = _array(options, system)
     video = None if options.video is None else VideoFile(options.video)
+    file = AudioFile(audio)
+    check_channels(file.num_channels, array, str(audio))
     recording = Recording(
         audio.stem,
-        AudioFile(audio),
+        file,
         video,
         options.offset_s,
         options.yaw_deg,
         options.mirror,
-        channels=options.channels,
+        channels=array.channel_indices,
     )
-    excerpts = read_excerpts(audio)
-    if options.channels is not None:
-        excerpts = excerpts.select(options.channels)
-    findings = examine(excerpts, array)
+    findings = examine(read_excerpts(audio).select(array.channel_indices), array)
     if video is not None:
         findings += check_durations(recording.audio.duration_s, recording.audio.sample_rate, video.duration_s)
         findings += _lag(recording, video)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 import soundfile
 from scipy.signal import resample_poly
 
+from avssl_pyro.data.audio_file import check_samples
 from avssl_pyro.data.clip import SAMPLE_RATE, Clip
 from avssl_pyro.data.files import MIN_SECONDS
 from avssl_pyro.errors import InputError
@@ -25,11 +26,13 @@ class Excerpts:
         raw_bmn: float32 in [-1, 1], (B, M, N), at the file's own rate: resampling rounds off what clipping cut.
         rate: samples per second of ``raw_bmn``.
         audio_bmn: float32, (B, M, N'), at 16 kHz.
+        names: the channels' numbers in the file, counted from 0.
     """
 
     raw_bmn: npt.NDArray[np.float32]
     rate: int
     audio_bmn: npt.NDArray[np.float32]
+    names: tuple[int, ...]
 
     @property
     def num_channels(self) -> int:
@@ -37,16 +40,19 @@ class Excerpts:
 
     def select(self, channels: Sequence[int]) -> "Excerpts":
         """The given channels (counted from 0), in the given order."""
-        return Excerpts(self.raw_bmn[:, list(channels)], self.rate, self.audio_bmn[:, list(channels)])
+        chosen = list(channels)
+        names = tuple(self.names[channel] for channel in chosen)
+        return Excerpts(self.raw_bmn[:, chosen], self.rate, self.audio_bmn[:, chosen], names)
 
     @classmethod
     def of_blocks(cls, raw_bmn: npt.NDArray[np.float32], rate: int) -> "Excerpts":
         """Excerpts of blocks (B, M, N) at ``rate``."""
+        names = tuple(range(raw_bmn.shape[1]))
         if rate == SAMPLE_RATE:
-            return cls(raw_bmn, rate, raw_bmn)
+            return cls(raw_bmn, rate, raw_bmn, names)
         divisor = int(np.gcd(rate, SAMPLE_RATE))
         audio_bmn = resample_poly(raw_bmn, SAMPLE_RATE // divisor, rate // divisor, axis=-1)
-        return cls(raw_bmn, rate, np.ascontiguousarray(audio_bmn, dtype=np.float32))
+        return cls(raw_bmn, rate, np.ascontiguousarray(audio_bmn, dtype=np.float32), names)
 
     @classmethod
     def of_clips(cls, clips: Sequence[Clip]) -> "Excerpts":
@@ -58,8 +64,7 @@ class Excerpts:
         if not clips:
             raise InputError("no clip was given; a diagnosis needs at least one.")
         shortest = min(clip.audio_mn.shape[1] for clip in clips)
-        blocks = np.stack([clip.audio_mn[:, :shortest] for clip in clips])
-        return cls(blocks, SAMPLE_RATE, blocks)
+        return cls.of_blocks(np.stack([clip.audio_mn[:, :shortest] for clip in clips]), SAMPLE_RATE)
 
 
 def evenly(total: int, most: int) -> list[int]:
@@ -85,11 +90,12 @@ def read_excerpts(path: Path, most: int = MOST_EXCERPTS) -> Excerpts:
             blocks = []
             for index in evenly(frames // length, most):
                 file.seek(index * length)
-                blocks.append(file.read(length, dtype="float32", always_2d=True).T)
+                block_nm = file.read(length, dtype="float32", always_2d=True)
+                if len(block_nm) < length:
+                    raise InputError(f"{path}: it ends before its header says; the file is truncated or damaged.")
+                check_samples(block_nm, path, index * length)
+                blocks.append(block_nm.T)
     except (soundfile.SoundFileError, RuntimeError) as error:
         raise InputError(f"{path}: cannot be read as audio ({error}); give WAV or FLAC.") from error
-    raw_bmn = np.stack([block for block in blocks if block.shape[1] == length])
-    if not np.isfinite(raw_bmn).all():
-        channel = int(np.argwhere(~np.isfinite(raw_bmn))[0, 1])
-        raise InputError(f"{path}: channel {channel + 1} holds samples that are not finite; export it again.")
+    raw_bmn = np.stack(blocks)
     return Excerpts.of_blocks(raw_bmn, rate)

@@ -2,7 +2,7 @@
 
 Every excerpt is a mixture over directions of the model's own likelihood with one template each, plus a diffuse class.
 With H = a a^H + eps I the profiled density (Eqs. 13, 14) has by Sherman and Morrison the closed form
-- M log(|x|^2 - |a^H x|^2 / (M + eps)) + const, so that a wrong array costs no more than a right one.
+- M log(|x|^2 - |a^H x|^2 / (|a|^2 + eps)) - log(|a|^2 + eps) + const.
 The shares of the directions are fitted by a few rounds of EM. A wrong array puts the frequencies of one sound into
 different directions, and that costs likelihood.
 """
@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.stft import StftConfig, stft
 
 DIFFUSE = 0.1
@@ -43,15 +44,19 @@ class FitConfig:
     high_hz: float = 3500.0
     frame_step: int = 4
 
+
+@dataclass(frozen=True)
+class TiltedGrid(DirectionGrid):
+    """The directions of a grid, all lifted by the same angle (radians)."""
+
+    elevation: float = 0.0
+
     @property
-    def directions(self) -> npt.NDArray[np.float64]:
-        """Unit vectors, (D, 3)."""
-        azimuth, elevation = np.meshgrid(
-            2 * np.pi * np.arange(self.num_azimuths) / self.num_azimuths, np.deg2rad(self.elevations_deg)
-        )
-        horizontal = np.cos(elevation)
-        vectors = [horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), np.sin(elevation)]
-        return np.stack(vectors, axis=-1).reshape(-1, 3)
+    def unit_vectors(self) -> npt.NDArray[np.float64]:
+        """Unit vectors towards the directions, (D, 3)."""
+        level_dx = super().unit_vectors * np.cos(self.elevation)
+        level_dx[:, 2] = np.sin(self.elevation)
+        return level_dx
 
 
 class Fit(NamedTuple):
@@ -82,14 +87,12 @@ class ArrayFit:
     """Compares arrays, channel orders and delays on the same excerpts.
 
     Args:
-        num_channels: M.
         config: directions and frequencies.
     """
 
     def __init__(self, config: FitConfig) -> None:
         self.config = config
         self._stft = StftConfig(low_hz=config.low_hz, high_hz=config.high_hz, bin_step=2)
-        self._directions_dx = config.directions
 
     def spectrogram(self, audio_bmn: npt.NDArray[np.float32]) -> Tensor:
         """Spectrogram x_bftm of the frames and frequencies that take part, all channels of equal power."""
@@ -99,10 +102,10 @@ class ArrayFit:
         return x_bfmt.transpose(-2, -1).contiguous()
 
     def steering(self, array: MicrophoneArray) -> Tensor:
-        """Free-field steering vectors a_fdm of the directions."""
-        lead_dm = self._directions_dx @ array.positions.T / array.speed_of_sound
-        phase_fdm = 2 * np.pi * self._stft.frequencies[:, None, None] * lead_dm
-        return torch.from_numpy(np.exp(1j * phase_fdm)).to(torch.complex64)
+        """Steering vectors a_fdm of the directions, by the array's own kind."""
+        grids = [TiltedGrid(self.config.num_azimuths, float(np.deg2rad(up))) for up in self.config.elevations_deg]
+        per_elevation = [array.steering_vectors(grid, self._stft.frequencies) for grid in grids]
+        return torch.cat(per_elevation, dim=1).to(torch.complex64)
 
     def fit(self, x_bftm: Tensor, steering_fdm: Tensor) -> Fit:
         """Explains a spectrogram of :meth:`spectrogram` by directions."""
@@ -111,10 +114,11 @@ class ArrayFit:
         power_bft1 = power_bft1 + LEAST_POWER_SHARE * power_bft1.mean((1, 2), keepdim=True).clamp_min(1e-30)
         # A common factor of a bin, such as its power, changes no comparison.
         beam_bftd = (x_bftm @ steering_fdm.conj().transpose(-2, -1)).abs().square()
-        left_bftd = 1 - beam_bftd / (power_bft1 * (m + DIFFUSE))
-        # log det H is (M - 1) log eps + log(M + eps), and the quadratic form has 1 / eps before the bracket.
-        bias = m * np.log(DIFFUSE) - (m - 1) * np.log(DIFFUSE) - np.log(m + DIFFUSE)
-        log_density_bftd = bias - m * left_bftd.clamp_min(1e-6).log()
+        norm_fd = steering_fdm.abs().square().sum(-1) + DIFFUSE
+        left_bftd = 1 - beam_bftd / (power_bft1 * norm_fd[:, None])
+        # log det H is (M - 1) log eps + log(|a|^2 + eps), and the quadratic form has 1 / eps before the bracket.
+        bias_fd = float(np.log(DIFFUSE)) - norm_fd.log()
+        log_density_bftd = bias_fd[:, None] - m * left_bftd.clamp_min(1e-6).log()
         # The diffuse class has H = I and a density of one in these units.
         log_density_bftd = torch.cat([log_density_bftd, torch.zeros_like(power_bft1)], dim=-1)
         share_bd = torch.full((x_bftm.shape[0], num_directions + 1), 0.5 / num_directions)

@@ -5,6 +5,7 @@ other channels predict of each one. Whichever repair raises the likelihood most,
 made, and the search goes on from there until none helps.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -173,7 +174,7 @@ def fit_config(array: MicrophoneArray) -> FitConfig:
     return FitConfig(high_hz=float(np.clip(2.4 * array.speed_of_sound / extent_m, 1000.0, 3500.0)))
 
 
-def check_array_match(audio_bmn: Audio, array: MicrophoneArray, names: list[int]) -> tuple[Finding, ...]:
+def check_array_match(audio_bmn: Audio, array: MicrophoneArray, names: Sequence[int]) -> tuple[Finding, ...]:
     """Exchanged, inverted, delayed and deaf channels, and wrong units.
 
     Args:

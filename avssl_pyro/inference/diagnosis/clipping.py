@@ -37,7 +37,8 @@ def check_clipping(excerpts: Excerpts) -> tuple[Finding, ...]:
         # Direct current is no run at an extreme.
         runs, level = clipped_runs(excerpts.raw_bmn[:, channel])
         if runs >= LEAST_RUNS and np.ptp(excerpts.raw_bmn[:, channel]) > LEAST_EXTREME:
-            found = f"{channels([channel])} is clipped: cut off at {level:+.3f} {runs} times in {seconds:.0f} s"
+            name = channels([excerpts.names[channel]])
+            found = f"{name} is clipped: cut off at {level:+.3f} {runs} times in {seconds:.0f} s"
             confidence = float(1 - 0.5 ** (runs / LEAST_RUNS))
             findings.append(
                 Finding(CHECK, Severity.WARNING, found, confidence, "record with less gain; leave loud clips out")

@@ -39,7 +39,7 @@ def check_duplicates(excerpts: Excerpts) -> tuple[Finding, ...]:
         Finding(
             CHECK,
             Severity.ERROR,
-            f"{channels([first, second])} are copies of one signal",
+            f"{channels([excerpts.names[first], excerpts.names[second]])} are copies of one signal",
             float(1 - 0.5 * residue / COPY_RESIDUE),
             "check the routing of the recorder; leave one of the two out of the array file",
         )

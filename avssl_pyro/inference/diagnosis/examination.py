@@ -35,10 +35,14 @@ def examine(excerpts: Excerpts, array: MicrophoneArray) -> tuple[Finding, ...]:
         return tuple(findings)
     findings += [*check_clipping(excerpts), *check_duplicates(excerpts)]
     unusable = {*levels.dead, *(second for _, second, _ in find_duplicates(excerpts))}
+    if not (array.positions_m and array.steering.has_delays):
+        found = f"order, signs and delays of channels cannot be checked on an array {array.steering.phrase}"
+        return (*findings, Finding("array", Severity.NOTE, found, 1.0, "listen to the channels one by one"))
     usable = [channel for channel in range(array.num_microphones) if channel not in unusable]
     if len(usable) < 2:
         found = "fewer than two channels are left to compare"
         return (*findings, Finding("array", Severity.ERROR, found, 1.0, "mend the channels first"))
     loudest = np.argsort(-levels.power_bm[:, usable].mean(axis=1))[:EXCERPTS_TO_MATCH]
-    audio_bmn = excerpts.select(usable).audio_bmn[np.sort(loudest)]
-    return (*findings, *check_array_match(audio_bmn, array.select(tuple(usable)), usable))
+    heard = excerpts.select(usable)
+    matching = check_array_match(heard.audio_bmn[np.sort(loudest)], array.select(tuple(usable)), heard.names)
+    return (*findings, *matching)

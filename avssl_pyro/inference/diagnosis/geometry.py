@@ -27,6 +27,8 @@ def principal_axes(positions_mx: npt.NDArray[np.float64]) -> tuple[int, npt.NDAr
 
 def is_mirror_blind(array: MicrophoneArray) -> bool:
     """Whether all sound from the horizon has a twin direction: the array is a line, or a plane standing upright."""
+    if not array.positions_m:
+        return False
     dimension, axes_xx = principal_axes(array.positions)
     return dimension == 1 or (dimension == 2 and bool(abs(axes_xx[2, 2]) < 0.05))
 
@@ -59,6 +61,9 @@ def exchange_classes(array: MicrophoneArray) -> list[list[tuple[int, int]]]:
 
 def check_geometry(array: MicrophoneArray) -> tuple[Finding, ...]:
     """The limits of an array; notes all of them, none is a fault."""
+    if not array.positions_m:
+        found = f"the array hears {array.steering.phrase}; without positions there is no geometry to check"
+        return (Finding(CHECK, Severity.NOTE, found, 1.0),)
     return (*_ambiguity(array), *_aliasing(array), *_hidden_exchanges(array), *_parallax(array))
 
 

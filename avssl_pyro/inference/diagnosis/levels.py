@@ -23,15 +23,17 @@ class ChannelLevels:
     Args:
         power_bm: mean square about the mean, (B, M), full scale 1.
         direct_m: mean of all samples, (M,).
+        names: the channels' numbers in the file, counted from 0.
     """
 
     power_bm: npt.NDArray[np.float64]
     direct_m: npt.NDArray[np.float64]
+    names: tuple[int, ...]
 
     @classmethod
     def of(cls, excerpts: Excerpts) -> "ChannelLevels":
         raw_bmn = excerpts.raw_bmn.astype(np.float64)
-        return cls(raw_bmn.var(axis=-1), raw_bmn.mean(axis=(0, 2)))
+        return cls(raw_bmn.var(axis=-1), raw_bmn.mean(axis=(0, 2)), excerpts.names)
 
     @property
     def relative_db_m(self) -> npt.NDArray[np.float64]:
@@ -76,9 +78,11 @@ def _dead(levels: ChannelLevels) -> list[Finding]:
     findings = []
     for channel in levels.dead:
         if (levels.power_bm[:, channel] <= LEAST_POWER).all():
-            found = f"{channels([channel])} is dead: constant throughout"
+            found = f"{channels([levels.names[channel]])} is dead: constant throughout"
         else:
-            found = f"{channels([channel])} is dead: {-levels.relative_db_m[channel]:.0f} dB below the others"
+            found = (
+                f"{channels([levels.names[channel]])} is dead: {-levels.relative_db_m[channel]:.0f} dB below the others"
+            )
         findings.append(Finding("levels", Severity.ERROR, found, 1.0, advice))
     return findings
 
@@ -88,7 +92,8 @@ def _dropping_out(levels: ChannelLevels) -> list[Finding]:
     findings = []
     for channel, share in enumerate(silent_bm.mean(axis=0)):
         if share > 0 and channel not in levels.dead:
-            found = f"{channels([channel])} drops out: constant in {share:.0%} of the excerpts where others sound"
+            name = channels([levels.names[channel]])
+            found = f"{name} drops out: constant in {share:.0%} of the excerpts where others sound"
             findings.append(Finding("levels", Severity.WARNING, found, 1.0, "leave those stretches out of training"))
     return findings
 
@@ -98,7 +103,7 @@ def _unequal(levels: ChannelLevels) -> list[Finding]:
     for channel, level_db in enumerate(levels.relative_db_m):
         if abs(level_db) > UNEQUAL_DB and channel not in levels.dead:
             side = "louder" if level_db > 0 else "softer"
-            found = f"{channels([channel])} is {abs(level_db):.0f} dB {side} than the median channel"
+            found = f"{channels([levels.names[channel]])} is {abs(level_db):.0f} dB {side} than the median channel"
             # A talker close to a large array makes a few decibels; nothing makes twenty.
             confidence = float(1 - 0.5 * np.exp((UNEQUAL_DB - abs(level_db)) / 3))
             findings.append(
@@ -112,6 +117,8 @@ def _direct(levels: ChannelLevels) -> list[Finding]:
     findings = []
     for channel, (direct, sound) in enumerate(zip(levels.direct_m, sound_m, strict=True)):
         if abs(direct) > max(LEAST_DIRECT, DIRECT_SHARE * sound) and channel not in levels.dead:
-            found = f"{channels([channel])} carries direct current: its mean is {direct:+.4f} of full scale"
+            found = (
+                f"{channels([levels.names[channel]])} carries direct current: its mean is {direct:+.4f} of full scale"
+            )
             findings.append(Finding("levels", Severity.WARNING, found, 1.0, "high-pass the recording at 20 Hz or so"))
     return findings

@@ -10,12 +10,15 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.data.clip import SAMPLE_RATE
 
 LONGEST_S = 0.25
 BAND_HZ = (150.0, 6000.0)
 # Peaks are found to about a sample; a near talker and warm air do the rest.
 MARGIN, MARGIN_S = 1.1, 1.5 / SAMPLE_RATE
+# Around a rigid sphere a wave takes half as long again as in free field, at low frequencies.
+DETOUR = 1.5
 
 
 @dataclass(frozen=True)
@@ -78,4 +81,5 @@ class PairDelays:
 def longest_delays(array: MicrophoneArray) -> npt.NDArray[np.float64]:
     """The longest delay that sound across the array can have, with a margin, (M, M), seconds."""
     distance_mm = cdist(array.positions, array.positions)
-    return np.asarray(MARGIN * distance_mm / array.speed_of_sound + MARGIN_S)
+    detour = 1.0 if isinstance(array.steering, FreeFieldKind) else DETOUR
+    return np.asarray(MARGIN * detour * distance_mm / array.speed_of_sound + MARGIN_S)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
 from avssl_pyro.data.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.diagnosis.finding import Severity, channels
@@ -144,13 +145,19 @@ def _likely_slip(ratio: float) -> str:
 
 
 def scaled(array: MicrophoneArray, factor: float) -> MicrophoneArray:
-    """The array with all positions multiplied.
+    """The array with all positions multiplied, and the sphere they lie on.
 
     Raises:
         InputError: no array is so small or so large.
     """
     x_mx = array.positions * factor
-    return replace(array, positions_m=tuple((float(x), float(y), float(z)) for x, y, z in x_mx))
+    steering = array.steering
+    if isinstance(steering, RigidSphereKind):
+        x, y, z = steering.centre_m
+        centre_m = (factor * x, factor * y, factor * z)
+        steering = replace(steering, radius_m=factor * steering.radius_m, centre_m=centre_m)
+    positions_m = tuple((float(x), float(y), float(z)) for x, y, z in x_mx)
+    return replace(array, positions_m=positions_m, steering=steering)
 
 
 def advance(audio_n: Audio, time_s: float) -> Audio:
