@@ -149,7 +149,8 @@ def _lag(recording: Recording, video: VideoFile) -> tuple[Finding, ...]:
     if len(times_s) < 2:
         raise InputError(f"{video.path}: fewer than two frames can be read from {start_s:.1f} s on.")
     change_t = picture_change(np.array(times_s), np.stack(images).astype(np.uint8), seconds)
-    return check_lag(sound_energy(recording.audio_at(start_s, seconds), SAMPLE_RATE), change_t)
+    energy_t = sound_energy(recording.audio_at(start_s, seconds), SAMPLE_RATE)
+    return check_lag(energy_t, change_t, recording.offset_s)
 
 
 def _clips(recording: Recording, image: Path | None) -> list[Clip]:

@@ -72,11 +72,11 @@ class Fit(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """A channel beside what the others predict of it.
+    """Channels beside what the others predict of them.
 
     Args:
-        delay_s: how late it comes; negative if early.
-        agreement: cosine between channel and prediction at that delay, in [-1, 1]; negative if inverted.
+        delay_s: how late they come; negative if early.
+        agreement: mean cosine of the phase to the prediction at that delay, in [-1, 1]; negative if inverted.
     """
 
     delay_s: float
@@ -130,17 +130,18 @@ class ArrayFit:
         evidence_bft = (log_density_bftd + share_bd.log()[:, None, None]).logsumexp(-1)
         return Fit(evidence_bft.mean((1, 2)).double().numpy(), responsibility_bftd[..., :-1])
 
-    def residual(self, x_bftm: Tensor, steering_fdm: Tensor, channel: int, longest_s: float) -> Residual:
-        """Compares a channel with what the others predict of it, over all bins and excerpts.
+    def residual(self, x_bftm: Tensor, steering_fdm: Tensor, heard: tuple[int, ...], longest_s: float) -> Residual:
+        """Compares channels with what the others predict of them, over all bins and excerpts.
 
-        Directions are found by the other channels alone; the phase between channel and prediction, averaged over
-        everything, is a line over frequency whose slope is the channel's delay and whose sign its polarity.
+        Directions are found by the other channels alone; the phase between channels and prediction, averaged over
+        everything, is a line over frequency whose slope is the common delay and whose sign the polarity.
         """
-        others = [m for m in range(x_bftm.shape[-1]) if m != channel]
+        others = [m for m in range(x_bftm.shape[-1]) if m not in heard]
         fit = self.fit(x_bftm[..., others], steering_fdm[..., others])
         predicted_bftd = x_bftm[..., others] @ steering_fdm[:, :, others].conj().transpose(-2, -1)
-        predicted_bftd *= steering_fdm[:, :, channel][:, None]
-        cross_bftd = x_bftm[..., channel, None] * predicted_bftd.conj()
+        # The beam towards a direction in the channels compared, against that in the others.
+        heard_bftd = x_bftm[..., list(heard)] @ steering_fdm[:, :, list(heard)].conj().transpose(-2, -1)
+        cross_bftd = heard_bftd * predicted_bftd.conj()
         size_bftd = cross_bftd.abs().clamp_min(1e-20)
         weighted_bftd = fit.responsibility_bftd * cross_bftd / size_bftd
         cross_f = weighted_bftd.sum((0, 2, 3)).numpy()

@@ -6,13 +6,13 @@ made, and the search goes on from there until none helps.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.inference.diagnosis.array_fit import ArrayFit, FitConfig
+from avssl_pyro.inference.diagnosis.array_fit import ArrayFit, FitConfig, Residual
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity, channels
 from avssl_pyro.inference.diagnosis.geometry import exchange_classes
 from avssl_pyro.inference.diagnosis.pair_delays import PairDelays, longest_delays
@@ -29,12 +29,13 @@ from avssl_pyro.inference.diagnosis.repairs import (
 CHECK = "array"
 # Nats per time-frequency bin and microphone that a repair must bring.
 LEAST_GAIN = 0.004
-LEAST_CONFIDENCE = 0.95
+LEAST_AGREEMENT = 0.95
 # Delays below this many seconds and scales within this factor are left to temperature, elevation and near talkers.
 LEAST_DELAY_S, LEAST_FACTOR = 4e-5, 1.3
 SCALE_STEP, FINE_SCALE_STEP = 1.15, 1.05
 # A channel that agrees so much less with the prediction of the others hears something else.
 DEAF_SHARE = 0.35
+SURE = 0.95
 MOST_REPAIRS = 4
 RESAMPLES = 1000
 
@@ -52,12 +53,15 @@ class Proof:
     gain_b: npt.NDArray[np.float64]
 
     @property
-    def confidence(self) -> float:
-        """Share of bootstrap resamples of the excerpts in which the gain is large enough, kept below 1."""
+    def agreement(self) -> float:
+        """Share of bootstrap resamples of the excerpts in which the gain is large enough."""
         draws = np.random.default_rng(0).integers(0, len(self.gain_b), (RESAMPLES, len(self.gain_b)))
-        share = float((self.gain_b[draws].mean(axis=1) > LEAST_GAIN).mean())
-        # B excerpts that agree are no more than that: one like them could still disagree (rule of succession).
-        return share * (1 - 1 / (len(self.gain_b) + 2) ** 2)
+        return float((self.gain_b[draws].mean(axis=1) > LEAST_GAIN).mean())
+
+    @property
+    def confidence(self) -> float:
+        """The agreement, kept below 1: few excerpts may all err together."""
+        return self.agreement * (1 - 1 / (len(self.gain_b) + 2) ** 2)
 
 
 class ArrayMatch:
@@ -84,22 +88,21 @@ class ArrayMatch:
                 for repair in self._candidates(audio_bmn, array)
             ]
             best = max(proofs, key=lambda proof: float(proof.gain_b.mean()), default=None)
-            if best is None or best.gain_b.mean() <= LEAST_GAIN or best.confidence < LEAST_CONFIDENCE:
+            if best is None or best.gain_b.mean() <= LEAST_GAIN or best.agreement < LEAST_AGREEMENT:
                 break
             best = self._sharpened(best, before_b, audio_bmn, array)
             found.append(best)
             audio_bmn, array = best.repair.mend(audio_bmn, array)
         self._audio_bmn, self._array = audio_bmn, array
-        return _joined(found)
+        return found
 
     def deaf(self) -> list[int]:
         """Channels that do not follow the sound field that the others hear; to be asked after :meth:`repairs`."""
         if self._array.num_microphones < 4:
             return []
-        x_bftm, steering_fdm = self._fit.spectrogram(self._audio_bmn), self._fit.steering(self._array)
         agreement_m = np.array(
             [
-                self._fit.residual(x_bftm, steering_fdm, channel, LEAST_DELAY_S).agreement
+                self._residual(self._audio_bmn, self._array, (channel,), LEAST_DELAY_S).agreement
                 for channel in range(self._array.num_microphones)
             ]
         )
@@ -137,35 +140,20 @@ class ArrayMatch:
         return [repair for repair in candidates if possible(repair, array)]
 
     def _delays(self, audio_bmn: Audio, array: MicrophoneArray, pairs: PairDelays) -> list[Delay]:
+        """Delays beyond what the array allows, made exact where there are others to predict from, and smaller ones."""
         num = array.num_microphones
-        delays = [Delay(late, delay_s) for late, delay_s in pairs.late_groups(array)]
-        if num > 2:
-            x_bftm, steering_fdm = self._fit.spectrogram(audio_bmn), self._fit.steering(array)
-            longest_s = float(longest_delays(array).max())
-            for channel in range(num):
-                residual = self._fit.residual(x_bftm, steering_fdm, channel, longest_s)
-                delays.append(Delay((channel,), residual.delay_s))
+        rough = [Delay(late, delay_s) for late, delay_s in pairs.late_groups(array)]
+        delays = list(rough)
+        starts = [*rough, *(Delay((channel,), 0.0) for channel in range(num))]
+        for start in starts:
+            if num - len(start.late) >= 2:
+                nearly_bmn, _ = start.mend(audio_bmn, array) if start.delay_s else (audio_bmn, array)
+                residual = self._residual(nearly_bmn, array, start.late, float(longest_delays(array).max()))
+                delays.append(Delay(start.late, start.delay_s + residual.delay_s))
         return [delay for delay in delays if abs(delay.delay_s) > LEAST_DELAY_S]
 
-
-def _joined(proofs: list[Proof]) -> list[Proof]:
-    """A delay that was made good in two steps is one finding."""
-    joined: list[Proof] = []
-    for proof in proofs:
-        if isinstance(proof.repair, Delay):
-            late = proof.repair.late
-            before = next(
-                (n for n, other in enumerate(joined) if isinstance(other.repair, Delay) and other.repair.late == late),
-                None,
-            )
-            if before is not None:
-                first = joined[before].repair
-                assert isinstance(first, Delay)
-                total_s = first.delay_s + proof.repair.delay_s
-                joined[before] = replace(joined[before], repair=replace(first, delay_s=total_s))
-                continue
-        joined.append(proof)
-    return joined
+    def _residual(self, audio_bmn: Audio, array: MicrophoneArray, heard: tuple[int, ...], longest_s: float) -> Residual:
+        return self._fit.residual(self._fit.spectrogram(audio_bmn), self._fit.steering(array), heard, longest_s)
 
 
 def fit_config(array: MicrophoneArray) -> FitConfig:
@@ -197,6 +185,6 @@ def check_array_match(audio_bmn: Audio, array: MicrophoneArray, names: Sequence[
     if deaf:
         found = f"{channels(deaf)} hears something else than the other channels"
         advice = "listen to it: noise, hum or an unplugged microphone"
-        findings.append(Finding(CHECK, Severity.ERROR, found, LEAST_CONFIDENCE, advice))
+        findings.append(Finding(CHECK, Severity.ERROR, found, SURE, advice))
     sound = "order, signs, delays and units of the channels fit the array"
-    return tuple(findings) or (Finding(CHECK, Severity.OK, sound, LEAST_CONFIDENCE),)
+    return tuple(findings) or (Finding(CHECK, Severity.OK, sound, SURE),)

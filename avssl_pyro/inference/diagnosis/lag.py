@@ -95,8 +95,15 @@ def _peak(sound_t: npt.NDArray[np.float64], picture_t: npt.NDArray[np.float64]) 
     return best - longest, float(heights_l[best]), float(heights_l[best]) / runner_up
 
 
-def check_lag(energy_t: npt.NDArray[np.float64], change_t: npt.NDArray[np.float64]) -> tuple[Finding, ...]:
-    """Names the offset between sound and picture, or says that it cannot be told."""
+def check_lag(
+    energy_t: npt.NDArray[np.float64], change_t: npt.NDArray[np.float64], given_s: float = 0.0
+) -> tuple[Finding, ...]:
+    """Names the offset between sound and picture, or says that it cannot be told.
+
+    Args:
+        energy_t, change_t: of sound and picture, as by :func:`sound_energy` and :func:`picture_change`.
+        given_s: offset (audio time minus video time) by which they were brought together already.
+    """
     lag = find_lag(energy_t, change_t)
     if not lag.clear:
         found = "cannot tell whether sound and picture are in step: they have no clear onsets in common"
@@ -106,4 +113,6 @@ def check_lag(energy_t: npt.NDArray[np.float64], change_t: npt.NDArray[np.float6
         return (Finding(CHECK, Severity.OK, "sound and picture are in step", confidence),)
     side = "after" if lag.lag_s > 0 else "before"
     found = f"the picture comes {abs(lag.lag_s):.2f} s {side} the sound"
-    return (Finding(CHECK, Severity.WARNING, found, confidence, f"give an offset of {lag.lag_s:+.2f} s"),)
+    return (
+        Finding(CHECK, Severity.WARNING, found, confidence, f"read it with an offset of {given_s - lag.lag_s:+.2f} s"),
+    )

