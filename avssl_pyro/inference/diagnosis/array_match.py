@@ -35,6 +35,8 @@ LEAST_DELAY_S, LEAST_FACTOR = 4e-5, 1.3
 SCALE_STEP, FINE_SCALE_STEP = 1.15, 1.05
 # A channel that agrees so much less with the prediction of the others hears something else.
 DEAF_SHARE = 0.35
+# With more channels than this, only those that agree less than this with the others are tried.
+MOST_TO_TRY_ALL, SUSPECT_SHARE = 8, 0.85
 SURE = 0.95
 MOST_REPAIRS = 4
 RESAMPLES = 1000
@@ -128,32 +130,49 @@ class ArrayMatch:
 
     def _candidates(self, audio_bmn: Audio, array: MicrophoneArray) -> list[Repair]:
         num = array.num_microphones
-        candidates: list[Repair] = [Exchange(members[0], tuple(members[1:])) for members in exchange_classes(array)[1:]]
-        # With two channels one inversion is as good as the other.
-        candidates += [Inversion(channel) for channel in range(1 if num == 2 else num)]
         pairs = PairDelays.of(audio_bmn)
-        candidates += self._delays(audio_bmn, array, pairs)
+        residuals = [self._residual(audio_bmn, array, (channel,)) for channel in range(num)] if num > 2 else []
+        suspects = _suspects(residuals) if num > MOST_TO_TRY_ALL else set(range(num))
+        candidates: list[Repair] = [
+            Exchange(members[0], tuple(members[1:]))
+            for members in exchange_classes(array)[1:]
+            if any(suspects.issuperset(pair) for pair in members)
+        ]
+        # With two channels one inversion is as good as the other.
+        candidates += [Inversion(channel) for channel in sorted(suspects)[: 1 if num == 2 else num]]
+        candidates += self._late_groups(audio_bmn, array, pairs)
+        candidates += [
+            Delay((channel,), residual.delay_s)
+            for channel, residual in enumerate(residuals)
+            if abs(residual.delay_s) > LEAST_DELAY_S
+        ]
         if num > 2:
             around = pairs.scale(array)
             factors = [around * SCALE_STEP**step for step in range(-2, 4)]
             candidates += [Rescaling(factor) for factor in factors if max(factor, 1 / factor) > LEAST_FACTOR]
         return [repair for repair in candidates if possible(repair, array)]
 
-    def _delays(self, audio_bmn: Audio, array: MicrophoneArray, pairs: PairDelays) -> list[Delay]:
-        """Delays beyond what the array allows, made exact where there are others to predict from, and smaller ones."""
-        num = array.num_microphones
-        rough = [Delay(late, delay_s) for late, delay_s in pairs.late_groups(array)]
-        delays = list(rough)
-        starts = [*rough, *(Delay((channel,), 0.0) for channel in range(num))]
-        for start in starts:
-            if num - len(start.late) >= 2:
-                nearly_bmn, _ = start.mend(audio_bmn, array) if start.delay_s else (audio_bmn, array)
-                residual = self._residual(nearly_bmn, array, start.late, float(longest_delays(array).max()))
-                delays.append(Delay(start.late, start.delay_s + residual.delay_s))
-        return [delay for delay in delays if abs(delay.delay_s) > LEAST_DELAY_S]
+    def _late_groups(self, audio_bmn: Audio, array: MicrophoneArray, pairs: PairDelays) -> list[Delay]:
+        """Delays beyond what the array allows, and made exact where there are others to predict from."""
+        delays = []
+        for late, delay_s in pairs.late_groups(array):
+            delays.append(Delay(late, delay_s))
+            if array.num_microphones - len(late) >= 2:
+                nearly_bmn, _ = delays[-1].mend(audio_bmn, array)
+                delays.append(Delay(late, delay_s + self._residual(nearly_bmn, array, late).delay_s))
+        return delays
 
-    def _residual(self, audio_bmn: Audio, array: MicrophoneArray, heard: tuple[int, ...], longest_s: float) -> Residual:
+    def _residual(
+        self, audio_bmn: Audio, array: MicrophoneArray, heard: tuple[int, ...], longest_s: float | None = None
+    ) -> Residual:
+        longest_s = float(longest_delays(array).max()) if longest_s is None else longest_s
         return self._fit.residual(self._fit.spectrogram(audio_bmn), self._fit.steering(array), heard, longest_s)
+
+
+def _suspects(residuals: Sequence[Residual]) -> set[int]:
+    """Channels that agree clearly less than others with what is predicted of them."""
+    agreement_m = np.array([residual.agreement for residual in residuals])
+    return set(np.flatnonzero(agreement_m < SUSPECT_SHARE * np.median(agreement_m)).tolist())
 
 
 def fit_config(array: MicrophoneArray) -> FitConfig:

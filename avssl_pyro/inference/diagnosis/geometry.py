@@ -44,18 +44,18 @@ def exchange_classes(array: MicrophoneArray) -> list[list[tuple[int, int]]]:
     apart; the first class holds those congruent to the array itself, and is empty if there are none."""
     distance_mm = cdist(array.positions, array.positions)
     classes: list[list[tuple[int, int]]] = [[]]
-    representatives = [distance_mm]
+    known_cmm = np.empty((array.num_microphones**2, *distance_mm.shape))
+    known_cmm[0] = distance_mm
     for pair in combinations(range(array.num_microphones), 2):
         order = np.arange(array.num_microphones)
         order[list(pair)] = pair[::-1]
         exchanged_mm = distance_mm[order][:, order]
-        for members, known_mm in zip(classes, representatives, strict=True):
-            if np.abs(exchanged_mm - known_mm).max() < SAME_DISTANCE_M:
-                members.append(pair)
-                break
+        apart_c = np.abs(known_cmm[: len(classes)] - exchanged_mm).max(axis=(1, 2))
+        if apart_c.min() < SAME_DISTANCE_M:
+            classes[int(apart_c.argmin())].append(pair)
         else:
+            known_cmm[len(classes)] = exchanged_mm
             classes.append([pair])
-            representatives.append(exchanged_mm)
     return classes
 
 
