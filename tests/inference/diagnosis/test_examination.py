@@ -8,7 +8,9 @@ import numpy.typing as npt
 import pytest
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.data.channel_map import matching_channels
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.excerpts import Excerpts
 from avssl_pyro.errors import InputError
@@ -171,6 +173,46 @@ def test_channels_keep_their_numbers_when_others_are_left_out(good: Good) -> Non
     }
     assert found.keys() == {"levels", "polarity"}
     assert "channel 5 is inverted" in found["polarity"]
+
+
+def test_channels_have_the_numbers_of_the_file(scene_folder: Path) -> None:
+    union = SceneDataset(scene_folder)
+    raw_bmn = np.stack([union[index].audio_mn for index in range(3)])
+    raw_bmn[:, 3] = 0
+    of_circle6 = matching_channels(union.array, CIRCLE6, where="")
+    findings = examine(Excerpts.of_blocks(raw_bmn, 16_000).select(of_circle6), CIRCLE6)
+    assert [finding.message for finding in complaints(findings)] == ["channel 4 is dead: constant throughout"]
+
+
+def on_a_sphere(array: MicrophoneArray) -> Excerpts:
+    """Two sources of sparse noise at a time, as an array hears them by its own steering, and a little noise."""
+    rng, length = np.random.default_rng(8), 16_000
+    steering_fdm = array.steering_vectors(DirectionGrid(8), np.fft.rfftfreq(length, 1 / 16_000)).numpy()
+    raw_bmn = 1e-3 * rng.standard_normal((3, array.num_microphones, length))
+    for raw_mn in raw_bmn:
+        for direction in rng.permutation(8)[:2]:
+            envelope_n = np.repeat(rng.uniform(0, 1, 40) ** 3, length // 40)
+            spectrum_f = np.fft.rfft(0.1 * envelope_n * rng.standard_normal(length))
+            raw_mn += np.fft.irfft(spectrum_f * steering_fdm[:, direction].T, length)
+    return Excerpts.of_blocks(raw_bmn.astype(np.float32), 16_000)
+
+
+def test_an_array_on_a_sphere_is_judged_by_its_own_response() -> None:
+    array = PRESETS["starss23-mic"]
+    excerpts = on_a_sphere(array)
+    assert complaints(examine(excerpts, array)) == []
+    late_bmn = excerpts.raw_bmn.copy()
+    late_bmn[:, 1] = advance(late_bmn[:, 1], -3 / 16000)
+    (finding,) = complaints(examine(Excerpts.of_blocks(late_bmn, 16_000), array))
+    assert "channel 2 comes 0.1" in finding.message
+
+
+def test_nothing_is_claimed_of_ambisonics() -> None:
+    array = PRESETS["starss23-foa"]
+    raw_bmn = 0.1 * np.random.default_rng(0).standard_normal((2, 4, 16_000))
+    findings = examine(Excerpts.of_blocks(raw_bmn.astype(np.float32), 16_000), array)
+    assert complaints(findings) == []
+    assert any("cannot be checked on an array" in finding.message for finding in findings)
 
 
 def test_silence_is_an_error() -> None:
