@@ -189,11 +189,11 @@ def on_a_sphere(array: MicrophoneArray) -> Excerpts:
     rng, length = np.random.default_rng(8), 16_000
     steering_fdm = array.steering_vectors(DirectionGrid(8), np.fft.rfftfreq(length, 1 / 16_000)).numpy()
     raw_bmn = 1e-3 * rng.standard_normal((3, array.num_microphones, length))
-    for raw_mn in raw_bmn:
+    for number in range(len(raw_bmn)):
         for direction in rng.permutation(8)[:2]:
             envelope_n = np.repeat(rng.uniform(0, 1, 40) ** 3, length // 40)
             spectrum_f = np.fft.rfft(0.1 * envelope_n * rng.standard_normal(length))
-            raw_mn += np.fft.irfft(spectrum_f * steering_fdm[:, direction].T, length)
+            raw_bmn[number] += np.fft.irfft(spectrum_f * steering_fdm[:, direction].T, length)
     return Excerpts.of_blocks(raw_bmn.astype(np.float32), 16_000)
 
 
