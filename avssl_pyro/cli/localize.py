@@ -19,12 +19,13 @@ from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recordi
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.data.files import read_clip
 from avssl_pyro.errors import InputError
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.pretrained import load_pretrained
 from avssl_pyro.inference.result import result_dict
 from avssl_pyro.inference.system import System
-from avssl_pyro.inference.training import CHECKPOINT_NAME
 from avssl_pyro.viz.overlay import save_overlay
 
 SAME_PLACE_M = 1e-3
@@ -36,8 +37,8 @@ class LocalizeOptions:
 
     out: Path
     """Result: JSON for one clip, JSON lines for a manifest or a recording."""
-    checkpoint: Path = Path("runs/demo") / CHECKPOINT_NAME
-    """Checkpoint of svi_train.py (.safetensors); by default the one that the demo leaves."""
+    checkpoint: Path | None = None
+    """Checkpoint of svi_train.py (.safetensors); by default the weights that come with the package."""
     image: Path | None = None
     """Equirectangular image, twice as wide as high, or 88 x 288."""
     audio: Path | None = None
@@ -45,12 +46,13 @@ class LocalizeOptions:
     manifest: Annotated[Path | None, tyro.conf.arg(metavar="CLIPS.csv")] = None
     """Instead of --image and --audio: a CSV file with columns audio and image; paths are relative to it."""
     array: str | None = None
-    """Preset or YAML file of the array that recorded. The checkpoint knows its own; give it to have that checked, or
+    """Preset or YAML file of the array that recorded. A checkpoint knows its own; give it to have that checked, or
     because this recording has the microphones on other channels."""
     overlay: Path | None = None
     """Picture to write; a folder in case of a manifest."""
-    refine: int = 0
-    """Rounds of closed-form ascent that fit the posterior to this clip; 40 is plenty, 0 is the networks' answer."""
+    refine: int = RefinementConfig.rounds
+    """Rounds of closed-form ascent that fit the posterior to this clip; 0 is the networks' answer, faster and much less
+    accurate."""
     level_threshold: float = SourceThresholds.level
     """Least mixing level of a source."""
     peak_threshold: float = SourceThresholds.peak
@@ -79,11 +81,7 @@ def main(args: Sequence[str] | None = None) -> int | None:
     options = tyro.cli(LocalizeOptions, args=args)
     whole = options.recording.video is not None
     inputs = [] if whole else _inputs(options)
-    system = load_checkpoint(options.checkpoint)
-    array = system.config.array
-    if options.array is not None:
-        array = resolve_array(options.array)
-        check_array(system, array, str(options.checkpoint))
+    system, array = _system(options)
     for name, value in (("level", options.level_threshold), ("peak", options.peak_threshold)):
         if not 0 <= value <= 1:
             raise InputError(f"--{name}-threshold is {value}; give a number from 0 to 1.")
@@ -106,6 +104,22 @@ def main(args: Sequence[str] | None = None) -> int | None:
     if options.manifest is None:
         _print_sources(json.loads(lines[0]))
     return None
+
+
+def _system(options: LocalizeOptions) -> tuple[System, MicrophoneArray]:
+    """The system to localize with, and the array that recorded."""
+    array = None if options.array is None else resolve_array(options.array)
+    if options.checkpoint is not None:
+        system = load_checkpoint(options.checkpoint)
+        if array is None:
+            return system, system.config.array
+        check_array(system, array, str(options.checkpoint))
+        return system, array
+    if array is None:
+        raise InputError("give --array, the microphones that recorded: a preset or a YAML file; or give --checkpoint.")
+    pretrained = load_pretrained(array)
+    print(pretrained.sentence, file=sys.stderr)
+    return pretrained.system, array
 
 
 def check_array(system: System, array: MicrophoneArray, where: str) -> None:
@@ -213,7 +227,7 @@ def _results(
             audio=str(entry.audio),
             image=str(entry.image),
             array=array.to_dict(),
-            checkpoint=str(options.checkpoint),
+            checkpoint="shipped" if options.checkpoint is None else str(options.checkpoint),
         )
         yield json.dumps(result, allow_nan=False)
 
