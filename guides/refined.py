@@ -34,9 +34,6 @@ class RefinementConfig:
         tolerance: a clip has arrived when its log-likelihood per time-frequency bin rises by less in a round.
         softening: the networks' log-weights are multiplied by it to start with; a start that is too sure of itself
             locks in, one that is flat forgets the picture.
-        most_classes: source classes that are followed to the end; the quietest others are dropped on the way, which
-            saves a third of the time.
-        trial_rounds: rounds before they are dropped.
         prior_sigma: of log w about its prior mean, sigma_0 of the model.
         image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu). The picture
             decides where the climb starts in any case; with a weight it also holds it back.
@@ -47,11 +44,9 @@ class RefinementConfig:
         bin_step, frame_step: every how many frequencies and frames are used; neighbours tell nearly the same.
     """
 
-    rounds: int = 12
+    rounds: int = 20
     tolerance: float = 1e-4
     softening: float = 0.5
-    most_classes: int = 6
-    trial_rounds: int = 4
     prior_sigma: float = 1.0
     image_weight: float = 0.0
     alpha: float = 0.01
@@ -62,7 +57,7 @@ class RefinementConfig:
     frame_step: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("rounds", "most_classes", "trial_rounds", "bin_step", "frame_step"):
+        for name in ("rounds", "bin_step", "frame_step"):
             if getattr(self, name) < 1:
                 raise InputError(f"RefinementConfig: {name} is {getattr(self, name)}; it must be at least 1.")
 
@@ -92,40 +87,34 @@ class RefinedGuide(PyroModule):
 
     @torch.no_grad()
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
-        """The refined posterior's parameters; classes that were dropped keep their first directions and lose level."""
+        """The refined posterior's parameters."""
         config = self.config
         start = self._with_extra_classes(self.start.parameters_of(x_bfmt, image_bcij))
-        ascent = self._ascent(x_bfmt, start)
         pi_bk = start.concentration_bk / start.concentration_bk.sum(-1, keepdim=True)
-        log_w_bkd = config.softening * start.mu_bkd
-        point = self._climb(ascent, ascent.step(log_w_bkd, pi_bk), min(config.trial_rounds, config.rounds) - 1)
-        kept_bk = point.counts_bk.topk(min(config.most_classes, pi_bk.shape[-1])).indices.sort(-1).values
-        point = self._climb(ascent.of_classes(kept_bk), point.of_classes(kept_bk), config.rounds - config.trial_rounds)
-        kept_bkd = kept_bk[..., None].expand_as(point.log_w_bkd)
-        mu_bkd = start.mu_bkd.scatter(1, kept_bkd, point.log_w_bkd)
+        point = self._climb(self._ascent(x_bfmt, start.mu_bkd), config.softening * start.mu_bkd, pi_bk)
         return GuideParameters(
-            mu_bkd=mu_bkd,
-            sigma_bkd=start.sigma_bkd.scatter(1, kept_bkd, point.precision_bkd.rsqrt()),
-            concentration_bk=torch.full_like(pi_bk, config.alpha)
-            .scatter(1, kept_bk, point.counts_bk)
-            .clamp_min(LEAST_CONCENTRATION),
-            activation_bkij=start.activation_bkij + _over_columns(mu_bkd - start.mu_bkd, start.activation_bkij),
+            mu_bkd=point.log_w_bkd,
+            sigma_bkd=point.precision_bkd.rsqrt(),
+            concentration_bk=point.counts_bk.clamp_min(LEAST_CONCENTRATION),
+            activation_bkij=start.activation_bkij
+            + _over_columns(point.log_w_bkd - start.mu_bkd, start.activation_bkij),
         )
 
-    def _ascent(self, x_bfmt: Tensor, start: GuideParameters) -> MixtureAscent:
+    def _ascent(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixtureAscent:
         config = self.config
         observed = observe(x_bfmt[:, :: config.bin_step, :, :: config.frame_step])
-        prior = LogWeightPrior(config.image_weight * start.mu_bkd, start.mu_bkd.new_tensor(config.prior_sigma**-2))
+        prior = LogWeightPrior(config.image_weight * mu_bkd, mu_bkd.new_tensor(config.prior_sigma**-2))
         # A thinned spectrogram stands for the whole one.
         _, f, _, t = observed.features_bfct.shape
         weight = config.bin_weight * x_bfmt.shape[1] * x_bfmt.shape[-1] / (f * t)
         template_dfmm = torch.view_as_complex(self.template_pairs)
         return MixtureAscent(observed, template_dfmm, config.diffuse, prior, config.alpha, weight)
 
-    def _climb(self, ascent: MixtureAscent, point: MixturePoint, rounds: int) -> MixturePoint:
+    def _climb(self, ascent: MixtureAscent, log_w_bkd: Tensor, pi_bk: Tensor) -> MixturePoint:
+        point = ascent.step(log_w_bkd, pi_bk)
         climbing_b = torch.ones_like(point.log_likelihood_b, dtype=torch.bool)
         stretch_b = torch.full_like(point.log_likelihood_b, OVERRELAXATION)
-        for _ in range(rounds):
+        for _ in range(self.config.rounds - 1):
             above = ascent.step(point.log_w_bkd, point.pi_bk, stretch_b)
             gain_b = (above.log_likelihood_b - point.log_likelihood_b) / point.counts_bk.sum(-1)
             # A clip that has arrived stays there, so that its result does not depend on its batch.

@@ -13,8 +13,7 @@ is needed. The curvature of the bound at its maximum is at least that of the pos
 lower bound: it knows nothing of weights that can trade places.
 """
 
-import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -67,15 +66,6 @@ class MixturePoint:
         """Mixing levels, (B, K)."""
         return self.counts_bk / self.counts_bk.sum(-1, keepdim=True)
 
-    def of_classes(self, index_bk: Tensor) -> "MixturePoint":
-        """The point with the chosen source classes only, (B, K') of K."""
-        return MixturePoint(
-            _rows(self.log_w_bkd, index_bk),
-            _rows(self.precision_bkd, index_bk),
-            self.counts_bk.gather(1, index_bk),
-            self.log_likelihood_b,
-        )
-
     def choose(self, moves_b: Tensor, other: "MixturePoint") -> "MixturePoint":
         """The other point for the clips that move, this one for the rest."""
         return MixturePoint(
@@ -114,13 +104,6 @@ class MixtureAscent:
         self._prior = prior
         self._alpha = alpha
         self._weight = weight
-
-    def of_classes(self, index_bk: Tensor) -> "MixtureAscent":
-        """The same climb with the chosen source classes only, (B, K') of K."""
-        fewer = copy.copy(self)
-        if self._prior.mean.dim() == 3:
-            fewer._prior = replace(self._prior, mean=_rows(self._prior.mean, index_bk))
-        return fewer
 
     @torch.no_grad()
     def step(self, log_w_bkd: Tensor, pi_bk: Tensor, stretch_b: Tensor | float = 1.0) -> MixturePoint:
@@ -178,7 +161,3 @@ class MixtureAscent:
 
     def _center(self, log_w_bkd: Tensor) -> Tensor:
         return log_w_bkd - (log_w_bkd - self._prior.mean).mean(-1, keepdim=True)
-
-
-def _rows(value_bkd: Tensor, index_bk: Tensor) -> Tensor:
-    return value_bkd.gather(1, index_bk[..., None].expand(-1, -1, value_bkd.shape[-1]))
