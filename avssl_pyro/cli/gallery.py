@@ -50,7 +50,7 @@ def main(args: Sequence[str] | None = None) -> None:
         chosen = chosen_scenes(dataset, talkers, options.each)
         if not chosen:
             raise InputError(
-                f"{options.scenes}: in no scene do {talkers} people talk and others not; give other scenes."
+                f"{options.scenes}: no scene has {talkers} talkers and a silent person; give other scenes."
             )
         for number, index in enumerate(chosen):
             draw(system, dataset, index, options.out / f"talkers{talkers}-{number}.png")
