@@ -51,7 +51,7 @@ def main(args: Sequence[str] | None = None) -> None:
     evaluate_with(
         EvaluateOptions(
             (checkpoint,),
-            options.out,
+            out=options.out,
             cache=options.cache,
             validation_scenes=options.validation_scenes,
             test_scenes=options.test_scenes,

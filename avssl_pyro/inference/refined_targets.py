@@ -8,6 +8,7 @@ hears a source.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from pyro.infer import Trace_ELBO
@@ -75,7 +76,7 @@ class TaughtLoss(nn.Module):
         super().__init__()
         assert isinstance(estimator, RecordsTerms)
         self.loss = loss
-        self._estimator = estimator
+        self._estimator: RecordsTerms = estimator
         self._num_directed = model.num_sources - diffuse_class
         # In a tuple, so that the model's parameters are not registered a second time.
         self._model = (model,)
@@ -92,11 +93,14 @@ class TaughtLoss(nn.Module):
         return loss + target_weight * cross_entropy, cross_entropy.detach()
 
     def _cross_entropy(self, x_bfmt: Tensor) -> Tensor:
-        trace = self._estimator.guide_trace  # type: ignore[attr-defined]
+        trace = self._estimator.guide_trace
+        assert trace is not None
         # Several particles share the networks' directions, but have levels of their own.
-        mu_pbkd = trace.nodes["direction_weights"]["fn"].base_dist.loc
+        direction_posterior: Any = trace.nodes["direction_weights"]["fn"]
+        level_posterior: Any = trace.nodes["mixing_levels"]["fn"]
+        mu_pbkd = direction_posterior.base_dist.loc
         mu_bkd = mu_pbkd.reshape(-1, *mu_pbkd.shape[-3:])[0]
-        concentration_pbk = trace.nodes["mixing_levels"]["fn"].concentration
+        concentration_pbk = level_posterior.concentration
         level_pbk = concentration_pbk / concentration_pbk.sum(-1, keepdim=True)
         pi_bk = level_pbk.reshape(-1, *level_pbk.shape[-2:]).mean(0)
         with torch.autocast(x_bfmt.device.type, enabled=False):
