@@ -14,6 +14,7 @@ from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.data.clip import Clip, SceneLabels
 from avssl_pyro.data.dcase import DcaseRow, labels_between
 from avssl_pyro.data.files import check_channels
+from avssl_pyro.data.fisheye import is_double_fisheye
 from avssl_pyro.data.generation import SCENES_PER_SHARD, GenerationPlan, generate
 from avssl_pyro.data.manifest import Manifest, first_difference, read_json, to_json
 from avssl_pyro.data.recording import Recording
@@ -117,6 +118,11 @@ def _check_picture(recording: Recording) -> None:
         return
     for _, frame_ijc in recording.video:
         recording.fit(frame_ijc)
+        if recording.elevation_range_deg is None and is_double_fisheye(frame_ijc):
+            raise InputError(
+                f"{recording.video.path}: two fisheye pictures side by side; export the video as equirectangular with "
+                "the camera's own program."
+            )
         return
     raise InputError(f"{recording.video.path}: no frame of it can be decoded; export the video again.")
 
