@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
+from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.data.dcase import DcaseRow
 from avssl_pyro.data.generation import SCENES_PER_SHARD
@@ -35,8 +36,8 @@ class PrepareOptions:
 
     out: Path
     """Folder to write to; with --validation, its sub-folders train and validation."""
-    array: str
-    """Microphone array: a preset or a YAML file."""
+    array: str | None = None
+    """Microphone array: a preset or a YAML file; for STARSS23 by default its own."""
     video: Path | None = None
     """360-degree video of one recording, equirectangular, any frame rate."""
     audio: Path | None = None
@@ -52,7 +53,8 @@ class PrepareOptions:
     split: Literal["dev-train", "dev-test"] = "dev-train"
     """Which part of STARSS23."""
     channels: tuple[int, ...] = ()
-    """Channels of the audio for the array's microphones, in their order, counted from 0; all by default."""
+    """Channels of the audio for the array's microphones, in their order, counted from 0; by default those that the
+    array's file names, or all."""
     offset: float = 0.0
     """Seconds that the audio began before the video; negative if it began later."""
     yaw: float = 0.0
@@ -92,7 +94,7 @@ def prepare_with(options: PrepareOptions) -> Prepared:
     """Prepares as the options say, and prints what was left out and what was made."""
     if options.workers < 1 or options.seed < 0 or options.top < 0:
         raise InputError("--workers must be at least 1, --seed and --top at least 0.")
-    array = resolve_array(options.array)
+    array = _array(options)
     hop_s = options.clip_seconds if options.hop is None else options.hop
     cutting = CuttingConfig(options.clip_seconds, hop_s, options.top or None)
     splitter = _splitter(options)
@@ -113,6 +115,14 @@ def prepare_with(options: PrepareOptions) -> Prepared:
         size_mb = sum(shard.num_bytes for shard in manifest.shards) / 1e6
         print(f"{folder}: {manifest.spec.num_scenes} clips in {len(manifest.shards)} shards, {size_mb:.1f} MB.")
     return made
+
+
+def _array(options: PrepareOptions) -> MicrophoneArray:
+    if options.array is not None:
+        return resolve_array(options.array)
+    if options.starss is None:
+        raise InputError("give --array: a preset or a YAML file that says where the microphones are.")
+    return resolve_array(f"starss23-{options.format}")
 
 
 def _splitter(options: PrepareOptions) -> Splitter:

@@ -5,8 +5,7 @@ shards are made as simulated ones are (see :mod:`avssl_pyro.data.generation`).
 """
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,8 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.data.clip import Clip, SceneLabels
 from avssl_pyro.data.dcase import DcaseRow, labels_between
+from avssl_pyro.data.files import check_channels
+from avssl_pyro.data.fisheye import is_double_fisheye
 from avssl_pyro.data.generation import SCENES_PER_SHARD, GenerationPlan, generate
 from avssl_pyro.data.manifest import Manifest, first_difference, read_json, to_json
 from avssl_pyro.data.recording import Recording
@@ -91,24 +92,39 @@ class Prepared:
     remarks: tuple[str, ...]
 
 
-def check_recordings(recordings: Sequence[Recording], array: MicrophoneArray) -> None:
-    """Looks at the first picture and at the channels of every recording, before anything takes long.
+def read_as(recording: Recording, array: MicrophoneArray) -> Recording:
+    """The recording with the channels of ``array``: those it names itself, or else those of the array's channel map.
+
+    Its first picture is looked at, too, before anything takes long.
 
     Raises:
-        InputError: a recording has another number of channels than ``array``, or its picture is none of 360 degrees.
+        InputError: the channels are not those of the array's microphones, or the picture is none of 360 degrees.
     """
-    for recording in recordings:
-        if recording.num_channels != array.num_microphones:
+    where = str(recording.audio.path)
+    if recording.channels is None:
+        check_channels(recording.audio.num_channels, array, where)
+        recording = replace(recording, channels=None if array.channels is None else array.channel_indices)
+    if recording.num_channels != array.num_microphones:
+        raise InputError(
+            f"{where}: {recording.num_channels} channel(s) are to be read, but array '{array.name}' has "
+            f"{array.num_microphones} microphones; name one channel for each."
+        )
+    _check_picture(recording)
+    return recording
+
+
+def _check_picture(recording: Recording) -> None:
+    if recording.video is None:
+        return
+    for _, frame_ijc in recording.video:
+        recording.fit(frame_ijc)
+        if recording.elevation_range_deg is None and is_double_fisheye(frame_ijc):
             raise InputError(
-                f"{recording.audio.path}: {recording.num_channels} channel(s), but array '{array.name}' has "
-                f"{array.num_microphones} microphones; give a recording of that array, or say which channels are its."
+                f"{recording.video.path}: two fisheye pictures side by side; export the video as equirectangular with "
+                "the camera's own program."
             )
-        if recording.video is not None:
-            for _, frame_ijc in recording.video:
-                recording.fit(frame_ijc)
-                break
-            else:
-                raise InputError(f"{recording.video.path}: no frame of it can be decoded; export the video again.")
+        return
+    raise InputError(f"{recording.video.path}: no frame of it can be decoded; export the video again.")
 
 
 def prepare(
@@ -136,10 +152,10 @@ def prepare(
         progress: show bars.
 
     Raises:
-        InputError: see :func:`check_recordings` and :func:`survey`; or the folder holds other clips.
+        InputError: see :func:`read_as` and :func:`survey`; or the folder holds other clips.
         OSError: no space, no permission; what is finished stays, nothing half-written does.
     """
-    check_recordings(recordings, array)
+    recordings = tuple(read_as(recording, array) for recording in recordings)
     splitter = splitter or NoSplit()
     configuration = {
         "recordings": [_identity(recording) for recording in recordings],

@@ -17,6 +17,8 @@ MAX_FRAME_AGE_S = 1.0
 # Farther ahead than this, seeking beats decoding what lies between.
 _SEEK_AHEAD_S = 5.0
 _NEVER = -math.inf
+# Times computed as n / rate must not miss frame n by a rounding error.
+_ROUNDING_S = 1e-6
 
 
 class VideoFile:
@@ -71,6 +73,7 @@ class VideoFile:
 
     def find_frame(self, time_s: float) -> npt.NDArray[np.uint8] | None:
         """As :meth:`frame_at`, but None where there is no frame."""
+        time_s += _ROUNDING_S
         if time_s < self._time_s or time_s > self._next_s + _SEEK_AHEAD_S:
             self._seek(time_s)
         self._advance(time_s)

@@ -105,10 +105,10 @@ def test_starss_is_read_with_its_labels_and_on_the_right_side(
         (3, 4, 1, True),
     ]
     out = tmp_path / "out"
-    main(["--starss", str(starss), "--format", audio_format, "--array", "respeaker4", "--out", str(out)])
+    main(["--starss", str(starss), "--format", audio_format, "--out", str(out)])
     assert "1 of 2 recordings have no video" in capsys.readouterr().err
     dataset = SceneDataset(out)
-    assert len(dataset) == 2
+    assert (len(dataset), dataset.array.name) == (2, f"starss23-{audio_format}")
     # Rows of one source that two classes claim, two degrees apart, are one direction.
     assert np.rad2deg(dataset.labels(0).talker_azimuths) == pytest.approx([89.15], abs=0.2)
     assert dataset.labels(1).talker_azimuths == ()

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from avssl_pyro.data.recording import AudioFile, Recording, VideoFile
 from avssl_pyro.data.split import ByRecording, ByTime
 from avssl_pyro.errors import InputError
 
-LEVELS = ([0.01, 0.05, 0.02, 0.0, 0.04, 0.001], [0.03, 0.002, 0.06])
+LEVELS = ([0.01, 0.05, 0.02, 0.0, 0.0, 0.0, 0.04, 0.001], [0.03, 0.002, 0.06])
 
 
 def recording(folder: Path, name: str, levels: list[float], **settings: object) -> Recording:
@@ -40,9 +41,9 @@ def test_the_loudest_clips_are_cut_with_their_pictures_and_without_labels(
 ) -> None:
     made = cut(tmp_path / "out", recordings)
     dataset = SceneDataset(tmp_path / "out")
-    assert keys(dataset) == ["day0-00001000", "day0-00004000", "day1-00000000", "day1-00002000"]
+    assert keys(dataset) == ["day0-00001000", "day0-00006000", "day1-00000000", "day1-00002000"]
     assert dataset.array == PRESETS["circle4"]
-    for index, (number, start_s) in enumerate(((0, 1), (0, 4), (1, 0), (1, 2))):
+    for index, (number, start_s) in enumerate(((0, 1), (0, 6), (1, 0), (1, 2))):
         clip = dataset[index]
         np.testing.assert_allclose(clip.audio_mn, recordings[number].audio.read(start_s, 1.0), atol=1 / 32768)
         assert frame_number(clip.image_ijc) == 10 * start_s + 5
@@ -52,6 +53,17 @@ def test_the_loudest_clips_are_cut_with_their_pictures_and_without_labels(
         with pytest.raises(InputError, match=rf"'{clip.key}'.*has no labels"):
             dataset.labels(index)
     assert made.remarks == ("day0: 1 clip(s) are silent; they are left out.",)
+
+
+def test_the_channels_of_an_array_are_read_by_its_map_unless_the_recording_says_otherwise(
+    recordings: tuple[Recording, ...], tmp_path: Path
+) -> None:
+    array = replace(PRESETS["circle2"], channels=(4, 2))
+    swapped = (recordings[0], replace(recordings[1], channels=(0, 3)))
+    prepare(tmp_path / "out", swapped, array, CuttingConfig(loudest=4), workers=1, progress=False)
+    dataset = SceneDataset(tmp_path / "out")
+    assert dataset[0].audio_mn.mean(axis=1) == pytest.approx([0.03, 0.01], abs=0.002)
+    assert dataset[2].audio_mn.mean(axis=1) == pytest.approx([0.0, 0.03], abs=0.002)
 
 
 def test_a_quiet_recording_keeps_its_detail(tmp_path: Path) -> None:
@@ -95,7 +107,7 @@ def test_validation_is_kept_apart_by_recording_or_time(recordings: tuple[Recordi
     parts = [set(keys(SceneDataset(by_recording / name))) for name in ("train", "validation")]
     assert sorted({key.split("-")[0] for key in part} for part in parts) in ([{"day0"}, {"day1"}], [{"day1"}, {"day0"}])
     cut(by_time, recordings, splitter=ByTime(0.4), cutting=CuttingConfig(hop_s=0.5))
-    border_s = {"day0": 3.6, "day1": 1.8}
+    border_s = {"day0": 4.8, "day1": 1.8}
     for part in ("train", "validation"):
         for key in keys(SceneDataset(by_time / part)):
             name, start_ms = key.split("-")
@@ -108,6 +120,8 @@ def test_validation_is_kept_apart_by_recording_or_time(recordings: tuple[Recordi
 def test_what_cannot_be_cut_is_refused_in_one_sentence(recordings: tuple[Recording, ...], tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"4 channel\(s\), but array 'circle5' has 5"):
         prepare(tmp_path / "out", recordings, uniform_circle(5), CuttingConfig(), progress=False)
+    with pytest.raises(InputError, match=r"2 channel\(s\) are to be read, but array 'circle4' has 4"):
+        cut(tmp_path / "out", (replace(recordings[0], channels=(0, 1)),))
     write_noise(tmp_path / "silent.wav", [0.0, 0.0], constant=0.0)
     write_video(tmp_path / "silent.mp4", 20)
     silent = Recording("silent", AudioFile(tmp_path / "silent.wav"), VideoFile(tmp_path / "silent.mp4"))
