@@ -14,8 +14,8 @@ from avssl_pyro.inference.timeline import Timeline
 from avssl_pyro.viz.frame_annotator import AnnotationStyle, FrameAnnotator
 from avssl_pyro.viz.video_writer import SoundTrack, open_video
 
-# Sound is made up to the time of the last frame only, in pieces of this length.
-BLOCK_S = 1.0
+# Sound is read in pieces of this many samples.
+BLOCK = SAMPLE_RATE
 
 
 def save_annotated_video(
@@ -69,8 +69,9 @@ def _sound(recording: Recording, pair: tuple[int, int]) -> Iterator[npt.NDArray[
     """Left and right ear from the time of the first frame on, (2, N) each; silence where the audio begins later."""
     if recording.start_s > 0:
         yield np.zeros((2, round(recording.start_s * SAMPLE_RATE)), np.float32)
-    time_s = recording.start_s
-    while time_s < recording.end_s:
-        audio_mn = recording.audio_at(time_s, min(BLOCK_S, recording.end_s - time_s))
+    first, end = (round((time_s + recording.offset_s) * SAMPLE_RATE) for time_s in (recording.start_s, recording.end_s))
+    # The last sample may be missing by rounding.
+    for start in range(first, min(end, recording.audio.num_samples), BLOCK):
+        count = min(BLOCK, end - start, recording.audio.num_samples - start)
+        audio_mn = recording.audio_at(start / SAMPLE_RATE - recording.offset_s, count / SAMPLE_RATE)
         yield np.clip(audio_mn[list(pair)], -1.0, 1.0)
-        time_s += BLOCK_S

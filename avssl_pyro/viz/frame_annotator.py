@@ -22,8 +22,9 @@ LABEL_S = 0.25
 MOST_STAMPS = 256
 INK: dict[str, Color] = {"black": (0.05, 0.05, 0.05), "white": (1.0, 1.0, 1.0)}
 DARK: Color = (0.06, 0.07, 0.08)
-# A source's column glows this far each way where no spread is shown (radians), and so strongly.
-GLOW, GLOW_OPACITY = np.deg2rad(4.0), 0.3
+# A source's column glows this far each way where no spread is shown (radians), and so strongly; a wider spread than the
+# widest glow is on the strip only, or it would color the whole picture.
+GLOW, WIDEST_GLOW, GLOW_OPACITY = np.deg2rad(4.0), np.deg2rad(12.0), 0.3
 
 
 @dataclass(frozen=True)
@@ -109,8 +110,8 @@ class FrameAnnotator:
         for source in sources:
             color = self._colors[source.name]
             distance_j = self._canvas.distances(self._canvas.column(source.azimuth))
-            spread = max(2 * source.azimuth_std, GLOW / 2) if self._style.show_spread else GLOW
-            reach = min(spread, np.pi) / (2 * np.pi) * self.width
+            spread = np.clip(2 * source.azimuth_std, GLOW / 2, WIDEST_GLOW) if self._style.show_spread else GLOW
+            reach = spread / (2 * np.pi) * self.width
             paint(GLOW_OPACITY * np.clip(1 - (distance_j / reach) ** 2, 0, None), color)
             half = max(1.0, 0.8 * self._unit)
             paint(0.45 * np.clip(2 * half + 0.5 - distance_j, 0, 1), DARK)

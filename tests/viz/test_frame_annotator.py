@@ -104,12 +104,12 @@ def test_yaw_and_mirror_move_sources_and_ruler_alike() -> None:
 
 
 def test_the_spread_is_shown_only_where_it_means_something() -> None:
-    wide, narrow = still(source(1, 0.0, std_deg=10.0)), still(source(1, 0.0, std_deg=1.0))
+    wide, narrow = still(source(1, 0.0, std_deg=5.0)), still(source(1, 0.0, std_deg=1.0))
     widths = []
     for timeline, spread in ((wide, True), (narrow, True), (wide, False)):
         page_ijc = FrameAnnotator(ROWS, COLUMNS, timeline, AnnotationStyle(show_spread=spread)).draw(GRAY, 5.0)
         widths.append(int((page_ijc[200:300] != 128).any(axis=(0, 2)).sum()))
-    assert widths[0] == pytest.approx(40 / 360 * COLUMNS, rel=0.15)
+    assert widths[0] == pytest.approx(20 / 360 * COLUMNS, rel=0.15)
     assert widths[1] < widths[2] < widths[0] / 2
 
 
