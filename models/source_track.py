@@ -25,11 +25,12 @@ import pyro.distributions as dist
 import torch
 from pyro.infer import TraceEnum_ELBO
 from pyro.ops.indexing import Vindex
+from pyro.poutine.runtime import InferDict
 from torch import Tensor
 
 from avssl_pyro.models.track_prior import TrackTables
 
-PARALLEL = {"enumerate": "parallel"}
+PARALLEL: InferDict = {"enumerate": "parallel"}
 
 
 class SourceTrack:

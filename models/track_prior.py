@@ -82,7 +82,7 @@ def move_kernel(grid: DirectionGrid, drift: float, std: float) -> npt.NDArray[np
     """
     d = grid.num_directions
     # The azimuth falls as the index rises; turns to either side cover every step that is not astronomically rare.
-    offset_nj = -grid.spacing * (np.arange(d) + d * np.arange(-2, 3)[:, None])
+    offset_nj = -grid.spacing * (np.arange(d, dtype=np.float64) + d * np.arange(-2.0, 3.0)[:, None])
     hat_nj = (
         _mean_distance(offset_nj + grid.spacing - drift, std)
         - 2 * _mean_distance(offset_nj - drift, std)

@@ -1,6 +1,7 @@
 """Walking talkers rendered in a room and localized window by window, from their sound alone."""
 
 from dataclasses import dataclass, field
+from math import ceil
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +43,7 @@ class HeardRecordings:
         rng = np.random.default_rng([self.seed, index])
         talkers = draw_moving_talkers(self.talkers, rng)
         audio_mn = render_moving(talkers, self.localizer.config.array, self.audio, rng)
-        instants = round(self.window_s / self.talkers.step_s)
+        instants = ceil(self.window_s / self.talkers.step_s)
         starts = range(len(talkers.times_s) - instants + 1)
         truth = [_truth(talkers, slice(t, t + instants)) for t in starts]
         return Recording(truth, self._windows(audio_mn, [float(talkers.times_s[t]) for t in starts]))

@@ -111,9 +111,9 @@ def compare(
     """
     ways = {
         "windows alone": alone,
-        "nearest of the window before": lambda windows: nearest(windows, 2 * tolerance),
-        f"tracked live, {lag} windows late": lambda windows: tracked_live(windows, config, lag),
-        "tracked, whole recording": lambda windows: tracked(windows, config),
+        "linked to nearest": lambda windows: nearest(windows, 2 * tolerance),
+        f"tracked live, lag {lag}": lambda windows: tracked_live(windows, config, lag),
+        "tracked": lambda windows: tracked(windows, config),
     }
     return {
         name: tracking_scores([(one.truth, link(one.windows)) for one in recordings], tolerance)

@@ -54,7 +54,7 @@ class MovingTalkers:
 
 def draw_moving_talkers(config: MovingTalkersConfig, rng: np.random.Generator) -> MovingTalkers:
     """Draws a recording's talkers."""
-    times_t = np.arange(round(config.seconds / config.step_s)) * config.step_s
+    times_t = np.arange(round(config.seconds / config.step_s), dtype=np.float64) * config.step_s
     count = int(rng.integers(config.num_talkers[0], config.num_talkers[1] + 1))
     # Equal gaps of at least the least angle share what is left of the circle at random.
     slack = 360.0 - count * config.apart_deg

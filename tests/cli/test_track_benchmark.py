@@ -1,3 +1,7 @@
+import re
+import shlex
+from pathlib import Path
+
 import pytest
 
 from avssl_pyro.cli.track_benchmark import main
@@ -7,8 +11,19 @@ from avssl_pyro.errors import InputError
 def test_prints_every_way_to_link_windows(capsys: pytest.CaptureFixture[str]) -> None:
     main(["--recordings", "1", "--talkers.seconds", "5"])
     printed = capsys.readouterr().out
-    for way in ("windows alone", "nearest", "tracked live, 3", "tracked, whole"):
+    for way in ("windows alone", "linked to nearest", "tracked live, lag 3", "tracked "):
         assert way in printed
+
+
+def test_commands_and_example_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "tracking.md").read_text(encoding="utf-8")
+    commands = re.findall(r"^python scripts/track_benchmark.py(.*)$", page, re.MULTILINE)
+    assert len(commands) >= 2
+    for command in commands:
+        main([*shlex.split(command), "--recordings", "1", "--talkers.seconds", "2"])
+    (example,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    exec(compile(example, "docs/tracking.md", "exec"), {})
+    assert "TrackedSource(track_id=0" in capsys.readouterr().out
 
 
 def test_localizes_what_is_heard(capsys: pytest.CaptureFixture[str]) -> None:
