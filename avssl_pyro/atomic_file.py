@@ -3,6 +3,7 @@
 import contextlib
 import os
 import uuid
+from collections.abc import Iterator
 from pathlib import Path
 
 from avssl_pyro.errors import InputError
@@ -10,29 +11,35 @@ from avssl_pyro.errors import InputError
 TEMPORARY_SUFFIX = ".partial"
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Writes to a hidden neighbour of ``path``, then renames it into place.
+@contextlib.contextmanager
+def atomic_replacement(path: Path) -> Iterator[Path]:
+    """A hidden neighbour of ``path`` for the body to write; it is renamed into place when the body ends well.
 
     Raises:
         InputError: ``path`` is there and not a regular file, such as a device, which renaming would replace.
-        OSError: with ``filename`` set to ``path``; nothing is left behind.
+        OSError: of the file, with ``filename`` set to ``path``; nothing is left behind, whatever the body raises.
     """
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: is not a regular file; name a file that may be made or replaced.")
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{TEMPORARY_SUFFIX}")
     try:
-        with temporary.open("xb") as stream:
-            stream.write(content)
-            stream.flush()
+        yield temporary
+        with temporary.open("rb+") as stream:
             # Without this a power cut can leave the new name in place with none of the bytes.
             os.fsync(stream.fileno())
         temporary.replace(path)
     except BaseException as error:
         with contextlib.suppress(OSError):
             temporary.unlink()
-        if isinstance(error, OSError):
+        if isinstance(error, OSError) and error.filename in (None, str(temporary)):
             raise OSError(error.errno, error.strerror, str(path)) from error
         raise
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Writes ``content`` to ``path``; see :func:`atomic_replacement`."""
+    with atomic_replacement(path) as temporary:
+        temporary.write_bytes(content)
 
 
 def remove_temporaries(folder: Path) -> None:

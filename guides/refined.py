@@ -17,6 +17,7 @@ from torch import Tensor
 from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent, MixturePoint
 from avssl_pyro.distributions.profiled_gaussian import observe
+from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.directions import GuideParameters, PosteriorStart
 
@@ -31,25 +32,34 @@ class RefinementConfig:
     Args:
         rounds: most rounds of ascent.
         tolerance: a clip has arrived when its log-likelihood per time-frequency bin rises by less in a round.
+        softening: the networks' log-weights are multiplied by it to start with; a start that is too sure of itself
+            locks in, one that is flat forgets the picture.
         prior_sigma: of log w about its prior mean, sigma_0 of the model.
         image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu). The picture
             decides where the climb starts in any case; with a weight it also holds it back.
         alpha: concentration of the Dirichlet prior of mixing levels.
         diffuse: eps of the model.
+        bin_weight: every bin stands for so many, as in the model.
         extra_classes: source classes added to those of the networks; they start looking everywhere alike.
-        bin_step, frame_step: every how many frequencies and frames are used; neighbours tell nearly the same, and a
-            quarter of the bins takes a quarter of the time.
+        bin_step, frame_step: every how many frequencies and frames are used; neighbours tell nearly the same.
     """
 
-    rounds: int = 40
+    rounds: int = 20
     tolerance: float = 1e-4
+    softening: float = 0.5
     prior_sigma: float = 1.0
     image_weight: float = 0.0
     alpha: float = 0.01
     diffuse: float = 0.1
+    bin_weight: float = 1.0
     extra_classes: int = 0
-    bin_step: int = 2
-    frame_step: int = 2
+    bin_step: int = 1
+    frame_step: int = 1
+
+    def __post_init__(self) -> None:
+        for name in ("rounds", "bin_step", "frame_step"):
+            if getattr(self, name) < 1:
+                raise InputError(f"RefinementConfig: {name} is {getattr(self, name)}; it must be at least 1.")
 
 
 class RefinedGuide(PyroModule):
@@ -80,15 +90,8 @@ class RefinedGuide(PyroModule):
         """The refined posterior's parameters."""
         config = self.config
         start = self._with_extra_classes(self.start.parameters_of(x_bfmt, image_bcij))
-        template_dfmm = torch.view_as_complex(self.template_pairs)
-        prior = LogWeightPrior(config.image_weight * start.mu_bkd, start.mu_bkd.new_tensor(config.prior_sigma**-2))
-        observed = observe(x_bfmt[:, :: config.bin_step, :, :: config.frame_step])
-        # A thinned spectrogram stands for the whole one.
-        _, f, _, t = observed.features_bfct.shape
-        weight = x_bfmt.shape[1] * x_bfmt.shape[-1] / (f * t)
-        ascent = MixtureAscent(observed, template_dfmm, config.diffuse, prior, config.alpha, weight)
         pi_bk = start.concentration_bk / start.concentration_bk.sum(-1, keepdim=True)
-        point = self._climb(ascent, start.mu_bkd, pi_bk)
+        point = self._climb(self._ascent(x_bfmt, start.mu_bkd), config.softening * start.mu_bkd, pi_bk)
         return GuideParameters(
             mu_bkd=point.log_w_bkd,
             sigma_bkd=point.precision_bkd.rsqrt(),
@@ -96,6 +99,16 @@ class RefinedGuide(PyroModule):
             activation_bkij=start.activation_bkij
             + _over_columns(point.log_w_bkd - start.mu_bkd, start.activation_bkij),
         )
+
+    def _ascent(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixtureAscent:
+        config = self.config
+        observed = observe(x_bfmt[:, :: config.bin_step, :, :: config.frame_step])
+        prior = LogWeightPrior(config.image_weight * mu_bkd, mu_bkd.new_tensor(config.prior_sigma**-2))
+        # A thinned spectrogram stands for the whole one.
+        _, f, _, t = observed.features_bfct.shape
+        weight = config.bin_weight * x_bfmt.shape[1] * x_bfmt.shape[-1] / (f * t)
+        template_dfmm = torch.view_as_complex(self.template_pairs)
+        return MixtureAscent(observed, template_dfmm, config.diffuse, prior, config.alpha, weight)
 
     def _climb(self, ascent: MixtureAscent, log_w_bkd: Tensor, pi_bk: Tensor) -> MixturePoint:
         point = ascent.step(log_w_bkd, pi_bk)

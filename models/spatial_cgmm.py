@@ -27,6 +27,8 @@ class SpatialCGMM(PyroModule):
         level_prior: prior of pi (site ``mixing_levels``).
         direction_prior: prior of w (site ``direction_weights``).
         diffuse: eps of Eq. (10) relative to the summed weights.
+        bin_weight: every observed time-frequency bin stands for so many, where others were left out (a subsampled
+            plate); it balances the likelihood against the priors.
     """
 
     def __init__(
@@ -36,12 +38,14 @@ class SpatialCGMM(PyroModule):
         level_prior: LevelPrior = SparseDirichlet(alpha=0.01),  # noqa: B008
         direction_prior: DirectionPrior = LogNormalWeights(sigma=1.0),  # noqa: B008
         diffuse: float = 0.1,
+        bin_weight: float = 1.0,
     ) -> None:
         super().__init__()
         self.num_sources = num_sources
         self.level_prior = level_prior
         self.direction_prior = direction_prior
         self.diffuse = diffuse
+        self.bin_weight = bin_weight
         # Kept as real pairs: module.to(dtype) and the buffer broadcast of data parallelism mishandle complex buffers.
         self.template_pairs: Tensor
         self.register_buffer("template_pairs", torch.view_as_real(template_covariances(steering_fdm)), persistent=False)
@@ -61,4 +65,5 @@ class SpatialCGMM(PyroModule):
             mixture = SpatialMixture(
                 self.template_dfmm, w_bkd, pi_bk, num_frames=x_bfmt.shape[-1], diffuse=self.diffuse
             )
-            pyro.sample("spectrogram", mixture, obs=x_bfmt)
+            with pyro.poutine.scale(scale=self.bin_weight):
+                pyro.sample("spectrogram", mixture, obs=x_bfmt)

@@ -6,16 +6,28 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pyro
 import pytest
 import soundfile
-import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.cli import benchmark, compare_elbo, evaluate, localize, simulate, train
+from avssl_pyro.cli import (
+    benchmark,
+    compare_elbo,
+    doctor,
+    evaluate,
+    gallery,
+    localize,
+    prepare,
+    simulate,
+    track_benchmark,
+    train,
+)
 from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.inference.checkpoint import save_checkpoint
-from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.data.generation import generate
+from avssl_pyro.data.scene_plan import plan_scenes
+from avssl_pyro.simulation.scenes import SceneSimulator
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -30,11 +42,12 @@ SMALL_TRAINING = {
 MAINS: dict[str, tuple[Callable[[Sequence[str]], object], dict[str, str]]] = {
     "simulate.py": (simulate.main, {"--scenes": "2", "--workers": "1"}),
     "svi_train.py": (train.main, SMALL_TRAINING),
-    "evaluate.py": (
-        evaluate.main,
-        {"--checkpoint": "runs/demo/checkpoint.safetensors", "--test-scenes": "2", "--validation-scenes": "2"},
-    ),
+    "evaluate.py": (evaluate.main, {"--test-scenes": "2", "--validation-scenes": "2", "--rounds": "2", "--jobs": "1"}),
     "localize.py": (localize.main, {"--refine": "2"}),
+    "doctor.py": (doctor.main, {}),
+    "prepare.py": (prepare.main, {}),
+    "gallery.py": (gallery.main, {"--each": "1"}),
+    "track_benchmark.py": (track_benchmark.main, {"--recordings": "1", "--talkers.seconds": "4"}),
     "compare_elbo.py": (compare_elbo.main, {"--seconds": "0.05", "--clips": "1", "--draws": "4"}),
     "benchmark.py": (benchmark.main, {"--array": "circle2", "--batch-size": "2", "--repeats": "2"}),
 }
@@ -63,15 +76,22 @@ def in_small(arguments: list[str], smaller: dict[str, str]) -> list[str]:
 def user_folder(tmp_path_factory: pytest.TempPathFactory, scene_folder: Path) -> Path:
     """A folder with the files that the README speaks of."""
     folder = tmp_path_factory.mktemp("user")
-    clip = SceneDataset(scene_folder, PRESETS["circle6"])[0]
-    cv2.imwrite(str(folder / "panorama.jpg"), cv2.cvtColor(clip.image_ijc, cv2.COLOR_RGB2BGR))
-    soundfile.write(folder / "clip.wav", clip.audio_mn.T, 16_000)
+    clips = [SceneDataset(scene_folder, PRESETS["circle6"])[index] for index in range(3)]
+    picture = cv2.cvtColor(clips[0].image_ijc, cv2.COLOR_RGB2BGR)
+    cv2.imwrite(str(folder / "panorama.jpg"), picture)
+    soundfile.write(folder / "clip.wav", clips[0].audio_mn.T, 16_000)
+    soundfile.write(folder / "clip4.wav", clips[0].audio_mn[:4].T, 16_000)
     (folder / "clips.csv").write_text("audio,image\nclip.wav,panorama.jpg\n")
+    soundfile.write(folder / "walk.wav", np.concatenate([clip.audio_mn for clip in clips], axis=1).T, 16_000)
+    video = cv2.VideoWriter(str(folder / "walk.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (480, 240))
+    for _ in range(30):
+        video.write(cv2.resize(picture, (480, 240)))
+    video.release()
     (yaml,) = re.findall(r"```yaml\n(.*?)```", README, re.DOTALL)
     (folder / "my-array.yaml").write_text(yaml)
-    torch.manual_seed(0)
-    system = build_system(SystemConfig(PRESETS["circle6"], guide=GuideConfig(audio_channels=8)))
-    save_checkpoint(folder / "runs" / "demo" / "checkpoint.safetensors", system)
+    recording = ["--video", str(folder / "walk.mp4"), "--audio", str(folder / "walk.wav")]
+    prepare.main([*recording, "--array", "circle6", "--top", "5000", "--out", str(folder / "clips")])
+    generate(plan_scenes(folder / "scenes", SceneSimulator(), 16, 16), workers=1, progress=False)
     return folder
 
 
@@ -94,7 +114,10 @@ def test_a_command_of_the_readme_works(
     if command == ["scripts/svi_train.py"]:
         # With no arguments at all it trains on the embedded scenes for minutes; here on fewer.
         smaller = {**smaller, "--out": "runs/plain"}
-    assert main(in_small(command[1:], smaller)) in (None, 0)
+    if script == "simulate.py":
+        smaller = {**smaller, "--out": "few-scenes"}
+    # The doctor's business is to find faults.
+    assert main(in_small(command[1:], smaller)) in ((0, 1) if script == "doctor.py" else (None, 0))
 
 
 def test_every_script_is_in_the_readme() -> None:

@@ -1,7 +1,7 @@
-"""Microphone array geometry: positions, their validation, and the YAML file that describes them."""
+"""A microphone array: positions, channels and kind of steering, their validation, and the YAML file of them."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import yaml
+from torch import Tensor
 
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.acoustics.steering import SteeringKind
+from avssl_pyro.acoustics.steering_kinds import FreeFieldKind, steering_from_dict
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.errors import InputError
 
@@ -18,23 +22,33 @@ MAX_EXTENT_M = 5.0
 MIN_SPACING_M = 1e-4
 
 
+KEYS = ("name", "positions_m", "speed_of_sound", "channels", "steering")
+
+
 @dataclass(frozen=True)
 class MicrophoneArray:
-    """Positions of M microphones.
+    """M microphones: where they are, how they hear, and on which channels they are recorded.
 
     Args:
         name: free text, shown in results.
-        positions_m: M rows of (x, y, z) in metres; x forward, y left, z up, measured from the camera's axis.
+        positions_m: M rows of (x, y, z) in metres; x forward, y left, z up, measured from the camera's axis. Empty for
+            ambisonics, whose channels have no place, and if need be for measured responses.
         speed_of_sound: metres per second.
+        steering: by which model the array hears; free field by default.
+        channels: the channel of each microphone in a recording, counted from 1 as on a recorder's labels; by default a
+            recording has the channels of the microphones, in order, and no other.
 
     Raises:
-        InputError: for fewer than two microphones, non-finite positions, two microphones in one place, or an array
-            wider than 5 m; the message names the microphone, counted from 1 as on the channel labels of a recorder.
+        InputError: for fewer than two microphones, non-finite positions, two microphones in one place, an array
+            wider than 5 m, positions that do not go with the kind of steering, or channels that are not M different
+            positive numbers; the message names the microphone, counted from 1.
     """
 
     name: str
-    positions_m: tuple[tuple[float, float, float], ...]
+    positions_m: tuple[tuple[float, float, float], ...] = ()
     speed_of_sound: float = SPEED_OF_SOUND
+    steering: SteeringKind = field(default_factory=FreeFieldKind)
+    channels: tuple[int, ...] | None = None
 
     def __post_init__(self) -> None:
         where = f"array '{self.name}'"
@@ -45,8 +59,8 @@ class MicrophoneArray:
                 )
             if not np.isfinite(position).all():
                 raise InputError(f"{where}: microphone {index} lies at {position}; all coordinates must be finite.")
-        if len(self.positions_m) < 2:
-            raise InputError(f"{where}: it has {len(self.positions_m)} microphone(s); localization needs at least two.")
+        if self.num_microphones < 2:
+            raise InputError(f"{where}: it has {self.num_microphones} microphone(s); localization needs at least two.")
         for (i, first), (j, second) in combinations(enumerate(self.positions_m, start=1), 2):
             distance = math.dist(first, second)
             if distance < MIN_SPACING_M:
@@ -62,52 +76,116 @@ class MicrophoneArray:
             raise InputError(
                 f"{where}: a speed of sound of {self.speed_of_sound} m/s is out of range; air has about 343."
             )
+        self.steering.check(self)
+        if self.channels is not None:
+            self._check_channels(self.channels, where)
+
+    def _check_channels(self, channels: tuple[int, ...], where: str) -> None:
+        if len(channels) != self.num_microphones:
+            raise InputError(
+                f"{where}: 'channels' has {len(channels)} entries for {self.num_microphones} microphones; "
+                "give one for each."
+            )
+        for microphone, channel in enumerate(channels, start=1):
+            if channel < 1:
+                raise InputError(f"{where}: microphone {microphone} is on channel {channel}; channels count from 1.")
+            other = channels.index(channel) + 1
+            if other != microphone:
+                raise InputError(
+                    f"{where}: microphones {other} and {microphone} are both on channel {channel}; each has its own."
+                )
 
     @property
     def num_microphones(self) -> int:
-        return len(self.positions_m)
+        decided = self.steering.num_microphones
+        return len(self.positions_m) if decided is None else decided
 
     @property
     def positions(self) -> npt.NDArray[np.float64]:
-        """Positions, (M, 3), metres."""
-        return np.array(self.positions_m, dtype=np.float64)
+        """Positions, (M, 3), metres; (0, 3) where there are none."""
+        return np.array(self.positions_m, dtype=np.float64).reshape(-1, 3)
+
+    @property
+    def channel_indices(self) -> tuple[int, ...]:
+        """The channel of each microphone in a recording, counted from 0."""
+        if self.channels is None:
+            return tuple(range(self.num_microphones))
+        return tuple(channel - 1 for channel in self.channels)
+
+    def steering_vectors(self, grid: DirectionGrid, frequencies_hz: npt.NDArray[np.float64]) -> Tensor:
+        """Steering vectors of the array's own kind, complex128 (F, D, M); a steering model as a method.
+
+        Raises:
+            InputError: measured responses cannot be read, or do not reach up to the frequencies.
+        """
+        return self.steering.model(self)(grid, frequencies_hz)
 
     def select(self, channels: tuple[int, ...], name: str | None = None) -> "MicrophoneArray":
-        """The sub-array of the given channels (counted from 0), in the given order."""
+        """The sub-array of the given channels (counted from 0), in the given order.
+
+        Raises:
+            InputError: the channels of this kind of array belong together.
+        """
+        if self.steering.num_microphones is not None:
+            raise InputError(f"array '{self.name}' hears {self.steering.phrase}; it has no sub-arrays.")
         positions = tuple(self.positions_m[channel] for channel in channels)
-        return MicrophoneArray(name or self.name, positions, self.speed_of_sound)
+        mapped = None if self.channels is None else tuple(self.channels[channel] for channel in channels)
+        return MicrophoneArray(name or self.name, positions, self.speed_of_sound, self.steering, mapped)
 
     def to_dict(self) -> dict[str, Any]:
-        return {
-            "name": self.name,
-            "speed_of_sound": self.speed_of_sound,
-            "positions_m": [list(position) for position in self.positions_m],
-        }
+        """Plain values; what is as by default is left out, so that free field looks as it always did."""
+        data: dict[str, Any] = {"name": self.name, "speed_of_sound": self.speed_of_sound}
+        if self.positions_m:
+            data["positions_m"] = [list(position) for position in self.positions_m]
+        if self.channels is not None:
+            data["channels"] = list(self.channels)
+        if self.steering != FreeFieldKind():
+            data["steering"] = self.steering.to_dict()
+        return data
 
     @classmethod
-    def from_dict(cls, data: Any, where: str = "array description") -> "MicrophoneArray":
-        """Builds an array from the mapping that :meth:`to_dict` writes; ``where`` names the source in messages.
+    def from_dict(cls, data: Any, where: str = "array description", folder: Path = Path()) -> "MicrophoneArray":
+        """Builds an array from the mapping that :meth:`to_dict` writes.
+
+        Args:
+            data: the mapping.
+            where: names the source in messages.
+            folder: what the path of a file of measured responses is relative to.
 
         Raises:
             InputError: a key is missing, unknown, or has the wrong type, or the geometry is wrong.
         """
         if not isinstance(data, dict):
             raise InputError(f"{where}: expected keys 'name' and 'positions_m', found {type(data).__name__}.")
-        unknown = sorted(set(map(str, data)) - {"name", "positions_m", "speed_of_sound"})
+        unknown = sorted(set(map(str, data)) - set(KEYS))
         if unknown:
-            raise InputError(f"{where}: unknown key '{unknown[0]}'; known are name, positions_m, speed_of_sound.")
-        if "positions_m" not in data:
+            raise InputError(f"{where}: unknown key '{unknown[0]}'; known are {', '.join(KEYS)}.")
+        steering = (
+            steering_from_dict(data["steering"], where, folder) if data.get("steering") is not None else FreeFieldKind()
+        )
+        if "positions_m" not in data and steering.num_microphones is None:
             raise InputError(f"{where}: 'positions_m' is missing; give one [x, y, z] row in metres per microphone.")
-        rows = data["positions_m"]
+        rows = data.get("positions_m", [])
         if not isinstance(rows, list) or not all(isinstance(row, list | tuple) for row in rows):
             raise InputError(f"{where}: 'positions_m' must be a list of [x, y, z] rows in metres.")
+        channels = data.get("channels")
+        if channels is not None and not (
+            isinstance(channels, list | tuple) and all(type(channel) is int for channel in channels)
+        ):
+            raise InputError(f"{where}: 'channels' must be a list of whole numbers, one per microphone, from 1.")
         try:
             positions = tuple(tuple(float(value) for value in row) for row in rows)
             speed_of_sound = float(data.get("speed_of_sound", SPEED_OF_SOUND))
         except (TypeError, ValueError, OverflowError) as error:
             raise InputError(f"{where}: positions and speed of sound must be numbers ({error}).") from error
         try:
-            return cls(str(data.get("name", Path(where).stem)), positions, speed_of_sound)  # type: ignore[arg-type]
+            return cls(
+                str(data.get("name", Path(where).stem)),
+                positions,  # type: ignore[arg-type]
+                speed_of_sound,
+                steering,
+                None if channels is None else tuple(channels),
+            )
         except InputError as error:
             raise InputError(f"{where}: {error}") from error
 
@@ -130,4 +208,4 @@ class MicrophoneArray:
         except (yaml.YAMLError, ValueError, RecursionError) as error:
             problem = " ".join(str(error).split())
             raise InputError(f"{path}: not valid YAML ({problem}); expected 'positions_m' rows in metres.") from error
-        return cls.from_dict(data, where=str(path))
+        return cls.from_dict(data, where=str(path), folder=path.parent)

@@ -4,19 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
 import tyro
 
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
+from avssl_pyro.cli.gallery import draw
 from avssl_pyro.cli.train import PRESETS, train_with
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TEST, default_dataset
 from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.localization import SourceThresholds, select_sources
-from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.system import System
 from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig
-from avssl_pyro.viz.overlay import save_overlay
 
 
 @dataclass(frozen=True)
@@ -68,11 +65,5 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def draw_overlays(system: System, dataset: SceneDataset, number: int, folder: Path) -> None:
     """Draws the first ``number`` scenes of a data set with their true azimuths as ``overlay-*.png``."""
-    localizer = Localizer(system, refinement=system.refinement())
-    grid = system.config.grid
     for index in range(min(number, len(dataset))):
-        clip = dataset[index]
-        (posterior,) = localizer.posteriors([clip])
-        sources = select_sources(posterior, grid, SourceThresholds())
-        truth = np.array(dataset.labels(index).talker_azimuths)
-        save_overlay(folder / f"overlay-{index}.png", clip.image_ijc, posterior, sources, grid, truth=truth)
+        draw(system, dataset, index, folder / f"overlay-{index}.png")

@@ -9,6 +9,7 @@ from typing import Literal
 import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.tables import make_tables
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TEST, VALIDATION, Split, default_dataset
@@ -20,6 +21,7 @@ from avssl_pyro.evaluation.line_up import LineUp, system_band_hz
 from avssl_pyro.evaluation.report import print_table, write_report
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.inference.pretrained import MOST_GENERAL, SHIPPED, load_pretrained, load_shipped
 from avssl_pyro.inference.system import System
 
 
@@ -32,7 +34,10 @@ class EvaluateOptions:
     """
 
     checkpoint: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Checkpoint of svi_train.py (.safetensors); with --tables one per number of microphones, the option repeated."""
+    """Checkpoint of svi_train.py (.safetensors); with --tables one per number of microphones, the option repeated. By
+    default the weights that come with the package."""
+    array: str = MOST_GENERAL
+    """Without --checkpoint and --tables: preset or YAML file of the array to evaluate the shipped weights with."""
     out: Path = Path("runs/evaluation")
     """Folder for report.json and report.md, or tables.json, tables.md, roc.png and cells/."""
     tables: bool = False
@@ -96,14 +101,23 @@ def evaluate_with(options: EvaluateOptions) -> None:
     print(f"{options.out / 'report.json'}: written, and report.md beside it.")
 
 
+def _systems(options: EvaluateOptions) -> list[System]:
+    """The systems of the checkpoints, or those that come with the package."""
+    if options.checkpoint:
+        return load_systems(options.checkpoint)
+    if options.tables:
+        return [load_shipped(name) for name in SHIPPED]
+    pretrained = load_pretrained(resolve_array(options.array))
+    print(pretrained.sentence)
+    return [pretrained.system]
+
+
 def load_systems(checkpoints: Sequence[Path]) -> list[System]:
-    """The systems to evaluate, by number of microphones.
+    """The systems of some checkpoints, by number of microphones.
 
     Raises:
-        InputError: there is none, two have equally many microphones, or as :func:`load_checkpoint`.
+        InputError: two have equally many microphones, or as :func:`load_checkpoint`.
     """
-    if not checkpoints:
-        raise InputError("no system to evaluate; give --checkpoint with a .safetensors file written by svi_train.py.")
     by_microphones: dict[int, System] = {}
     for path in checkpoints:
         system = load_checkpoint(path)
@@ -118,7 +132,7 @@ def load_systems(checkpoints: Sequence[Path]) -> list[System]:
 
 
 def _line_ups(options: EvaluateOptions) -> list[LineUp]:
-    systems = load_systems(options.checkpoint)
+    systems = _systems(options)
     without_audio = load_systems(options.no_audio_checkpoint) if options.no_audio_checkpoint else []
     arrays = [system.config.array for system in systems]
     for system in without_audio:

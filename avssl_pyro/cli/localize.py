@@ -1,10 +1,10 @@
-"""Localizes the sounding objects of clips with a trained system."""
+"""Localizes the sounding objects of clips, or of a whole recording, with a trained system."""
 
 import csv
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -15,15 +15,17 @@ from tqdm import tqdm
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.data.files import read_clip
 from avssl_pyro.errors import InputError
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.pretrained import load_pretrained
 from avssl_pyro.inference.result import result_dict
 from avssl_pyro.inference.system import System
-from avssl_pyro.inference.training import CHECKPOINT_NAME
 from avssl_pyro.viz.overlay import save_overlay
 
 SAME_PLACE_M = 1e-3
@@ -34,9 +36,9 @@ class LocalizeOptions:
     """Tell which objects in a 360-degree image are sounding, where, how much, and how sure that is."""
 
     out: Path
-    """Result: JSON for one clip, JSON lines for a manifest."""
-    checkpoint: Path = Path("runs/demo") / CHECKPOINT_NAME
-    """Checkpoint of svi_train.py (.safetensors); by default the one that the demo leaves."""
+    """Result: JSON for one clip, JSON lines for a manifest or a recording."""
+    checkpoint: Path | None = None
+    """Checkpoint of svi_train.py (.safetensors); by default the weights that come with the package."""
     image: Path | None = None
     """Equirectangular image, twice as wide as high, or 88 x 288."""
     audio: Path | None = None
@@ -44,17 +46,21 @@ class LocalizeOptions:
     manifest: Annotated[Path | None, tyro.conf.arg(metavar="CLIPS.csv")] = None
     """Instead of --image and --audio: a CSV file with columns audio and image; paths are relative to it."""
     array: str | None = None
-    """Preset or YAML file of the array that recorded. The checkpoint knows its own; give it to have that checked."""
+    """Preset or YAML file of the array that recorded. A checkpoint knows its own; give it to have that checked, or
+    because this recording has the microphones on other channels."""
     overlay: Path | None = None
     """Picture to write; a folder in case of a manifest."""
-    refine: int = 0
-    """Rounds of closed-form ascent that fit the posterior to this clip; 40 is plenty, 0 is the networks' answer."""
+    refine: int = RefinementConfig.rounds
+    """Rounds of closed-form ascent that fit the posterior to this clip; 0 is the networks' answer, faster and much less
+    accurate."""
     level_threshold: float = SourceThresholds.level
     """Least mixing level of a source."""
     peak_threshold: float = SourceThresholds.peak
     """Least weight of a source's strongest direction; more spread classes are taken for diffuse noise."""
     device: str = "cpu"
     """Torch device."""
+    recording: Annotated[RecordingOptions, tyro.conf.arg(name="")] = field(default_factory=RecordingOptions)
+    """A whole recording."""
 
 
 @dataclass(frozen=True)
@@ -63,17 +69,19 @@ class _Input:
     audio: Path
 
 
-def main(args: Sequence[str] | None = None) -> None:
+def main(args: Sequence[str] | None = None) -> int | None:
     """Runs the command with ``args`` (by default those of the process).
+
+    Returns:
+        The exit code, None for success.
 
     Raises:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`; no output is written then.
     """
     options = tyro.cli(LocalizeOptions, args=args)
-    inputs = _inputs(options)
-    system = load_checkpoint(options.checkpoint)
-    if options.array is not None:
-        check_array(system, resolve_array(options.array), str(options.checkpoint))
+    whole = options.recording.video is not None
+    inputs = [] if whole else _inputs(options)
+    system, array = _system(options)
     for name, value in (("level", options.level_threshold), ("peak", options.peak_threshold)):
         if not 0 <= value <= 1:
             raise InputError(f"--{name}-threshold is {value}; give a number from 0 to 1.")
@@ -84,21 +92,41 @@ def main(args: Sequence[str] | None = None) -> None:
     refinement = system.refinement(rounds=options.refine) if options.refine else None
     localizer = Localizer(system, options.device, refinement=refinement)
     thresholds = SourceThresholds(options.level_threshold, options.peak_threshold)
+    if whole:
+        audio = _audio_of_recording(options)
+        return localize_recording(options.recording, audio, options.out, localizer, thresholds, options.refine > 0)
     # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
     for entry in inputs:
-        _warn_of_dead_channels(_read(entry, localizer), entry.audio)
+        _warn_of_dead_channels(read_clip(entry.image, entry.audio, array), array, entry.audio)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = list(_results(inputs, options, localizer, thresholds))
+    lines = list(_results(inputs, options, array, localizer, thresholds))
     write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())
     if options.manifest is None:
         _print_sources(json.loads(lines[0]))
+    return None
+
+
+def _system(options: LocalizeOptions) -> tuple[System, MicrophoneArray]:
+    """The system to localize with, and the array that recorded."""
+    array = None if options.array is None else resolve_array(options.array)
+    if options.checkpoint is not None:
+        system = load_checkpoint(options.checkpoint)
+        if array is None:
+            return system, system.config.array
+        check_array(system, array, str(options.checkpoint))
+        return system, array
+    if array is None:
+        raise InputError("give --array, the microphones that recorded: a preset or a YAML file; or give --checkpoint.")
+    pretrained = load_pretrained(array)
+    print(pretrained.sentence, file=sys.stderr)
+    return pretrained.system, array
 
 
 def check_array(system: System, array: MicrophoneArray, where: str) -> None:
     """Refuses a checkpoint that was trained for another array.
 
     Raises:
-        InputError: the numbers of microphones or their places differ.
+        InputError: the numbers of microphones, their places, or the kinds of steering differ.
     """
     trained = system.config.array
     if trained.num_microphones != array.num_microphones:
@@ -106,8 +134,15 @@ def check_array(system: System, array: MicrophoneArray, where: str) -> None:
             f"{where}: trained for array '{trained.name}' with {trained.num_microphones} microphones, but "
             f"'{array.name}' has {array.num_microphones}; give a checkpoint of this array."
         )
+    if trained.steering != array.steering:
+        raise InputError(
+            f"{where}: trained for array '{trained.name}' {trained.steering.phrase}, but '{array.name}' hears "
+            f"{array.steering.phrase}; give a checkpoint of this array."
+        )
+    if len(trained.positions) != len(array.positions):
+        return  # Of measured responses, positions are a remark.
     distances_m = np.linalg.norm(trained.positions - array.positions, axis=-1)
-    if distances_m.max() > SAME_PLACE_M:
+    if distances_m.max(initial=0.0) > SAME_PLACE_M:
         worst = int(distances_m.argmax())
         raise InputError(
             f"{where}: trained for array '{trained.name}', whose microphone {worst + 1} is "
@@ -115,13 +150,25 @@ def check_array(system: System, array: MicrophoneArray, where: str) -> None:
         )
 
 
+def _audio_of_recording(options: LocalizeOptions) -> Path:
+    for name in ("image", "manifest", "overlay"):
+        if getattr(options, name) is not None:
+            raise InputError(f"--{name} is for single clips; leave it out, or leave out --video.")
+    if options.audio is None:
+        raise InputError("give --audio with --video: the array's recording, one channel per microphone.")
+    return options.audio
+
+
 def _inputs(options: LocalizeOptions) -> list[_Input]:
+    options.recording.check_unused()
     if options.manifest is not None:
         if options.image is not None or options.audio is not None:
             raise InputError("give either --manifest or --image with --audio, not both.")
         return read_manifest(options.manifest)
     if options.image is None or options.audio is None:
-        raise InputError("give --image and --audio, or --manifest with many of them.")
+        raise InputError(
+            "give --image and --audio, or --manifest with many of them, or --video and --audio for a whole recording."
+        )
     return [_Input(options.image, options.audio)]
 
 
@@ -151,23 +198,22 @@ def read_manifest(path: Path) -> list[_Input]:
     return [_Input(path.parent / row["image"], path.parent / row["audio"]) for row in rows]
 
 
-def _read(entry: _Input, localizer: Localizer) -> Clip:
-    array = localizer.config.array
-    return read_clip(entry.image, entry.audio, array.num_microphones, array.name)
-
-
-def _warn_of_dead_channels(clip: Clip, path: Path) -> None:
-    dead = [str(channel) for channel, audio_n in enumerate(clip.audio_mn, start=1) if not audio_n.any()]
+def _warn_of_dead_channels(clip: Clip, array: MicrophoneArray, path: Path) -> None:
+    channels = zip(array.channel_indices, clip.audio_mn, strict=True)
+    dead = [str(channel + 1) for channel, audio_n in channels if not audio_n.any()]
     if dead:
         print(f"warning: {path}: channel {', '.join(dead)} is silent throughout.", file=sys.stderr)
 
 
 def _results(
-    inputs: Sequence[_Input], options: LocalizeOptions, localizer: Localizer, thresholds: SourceThresholds
+    inputs: Sequence[_Input],
+    options: LocalizeOptions,
+    array: MicrophoneArray,
+    localizer: Localizer,
+    thresholds: SourceThresholds,
 ) -> Iterator[str]:
-    array = localizer.config.array
     for number, entry in enumerate(tqdm(inputs, unit="clip", desc="localizing", disable=len(inputs) == 1)):
-        clip = _read(entry, localizer)
+        clip = read_clip(entry.image, entry.audio, array)
         (posterior,) = localizer.posteriors([clip])
         sources = select_sources(posterior, localizer.config.grid, thresholds)
         if options.overlay is not None:
@@ -181,7 +227,7 @@ def _results(
             audio=str(entry.audio),
             image=str(entry.image),
             array=array.to_dict(),
-            checkpoint=str(options.checkpoint),
+            checkpoint="shipped" if options.checkpoint is None else str(options.checkpoint),
         )
         yield json.dumps(result, allow_nan=False)
 

@@ -19,9 +19,11 @@ from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TRAIN, default_dataset
 from avssl_pyro.errors import InputError
+from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.memory import keep_freed_memory
+from avssl_pyro.inference.refined_targets import TargetConfig
 from avssl_pyro.inference.reporting import read_log
-from avssl_pyro.inference.system import GuideConfig, ModelConfig, SystemConfig, build_system
+from avssl_pyro.inference.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO, RecordingTraceELBO
 from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, TrainingDivergedError, train
 from avssl_pyro.inference.training_state import STATE_NAME
@@ -29,6 +31,7 @@ from avssl_pyro.viz.curves import save_curves
 
 ESTIMATORS = {"mean-field": RecordingMeanFieldELBO, "trace": RecordingTraceELBO}
 RUN_NAME = "run.json"
+ARRAY_OF_DATA = "data"
 EXIT_DIVERGED = 1
 
 
@@ -40,13 +43,13 @@ class TrainOptions:
     (ctrl-C, or killed), the same command goes on where it stopped.
     """
 
-    preset: Literal["quick", "two-cores", "paper"] = "quick"
+    preset: Literal["quick", "two-cores", "paper", "museum"] = "quick"
     """Where the defaults below come from: quick is a few minutes on two cores, two-cores an hour, paper the original
-    experiment (20000 scenes, 200 epochs), for a GPU."""
+    experiment (20000 scenes, 200 epochs), for a GPU; museum is its one on recordings, which prepare.py makes ready."""
     out: Path = Path("runs/train")
     """Folder of the run: checkpoint, log, curves, TensorBoard events."""
     data: tuple[Path, ...] = ()
-    """Folders of shards made by simulate.py; by default a small set made here."""
+    """Folders of shards made by simulate.py or prepare.py; by default a small set made here."""
     cache: Path = Path("cache")
     """Where the default set is kept."""
     scenes: int = 3000
@@ -54,12 +57,16 @@ class TrainOptions:
     condition: Literal["all-speak", "some-silent"] = "some-silent"
     """Condition of the default set."""
     array: str = "circle6"
-    """Microphone array: a preset (circle2, circle4, circle6, respeaker4) or a YAML file."""
+    """Microphone array: a preset (circle2, circle4, circle6, respeaker4) or a YAML file; "data" is the array that the
+    clips of --data were made with."""
+    start_from: Path | None = None
+    """Begin with the weights of this checkpoint, of the same networks and perhaps another array."""
     estimator: Literal["mean-field", "trace"] = "mean-field"
     """Pyro's ELBO estimator: TraceMeanField_ELBO (analytic KL) or Trace_ELBO."""
     model: ModelConfig = field(default_factory=ModelConfig)
     guide: GuideConfig = field(default_factory=GuideConfig)
     stft: StftConfig = field(default_factory=StftConfig)
+    targets: TargetConfig = field(default_factory=TargetConfig)
     optimization: OptimizationConfig = field(default_factory=OptimizationConfig)
     accelerator: Literal["auto", "cpu", "cuda"] = "auto"
     """Lightning Fabric accelerator: auto is cuda if there is one, else cpu."""
@@ -71,19 +78,28 @@ class TrainOptions:
     """Precision of the networks; the likelihood is always computed in 32 bits or more."""
 
 
-# Half the frequencies, where speech is loud and the array not yet ambiguous, train twice as fast and localize no worse;
-# a class of its own for diffuse noise leaves the visual network's four to objects.
+# A quarter of the frequencies, where speech is loud and the array not yet ambiguous, and less overlap of windows train
+# six times as fast and localize no worse. Eight sectors leave few in which two people compete for one class; a class of
+# its own hears diffuse noise.
 _FAST = TrainOptions(
-    model=ModelConfig(num_sources=5),
-    guide=GuideConfig(diffuse_class=True),
-    stft=StftConfig(low_hz=200.0, high_hz=4000.0),
+    model=ModelConfig(num_sources=9, bin_weight=3.0),
+    guide=GuideConfig(diffuse_class=True, anchor_gain=3.0, augment=True),
+    stft=StftConfig(hop=256, low_hz=200.0, high_hz=4000.0, bin_step=2),
+    targets=TargetConfig(weight=0.03),
 )
 PRESETS: dict[str, TrainOptions] = {
     "quick": _FAST,
-    "two-cores": replace(_FAST, preset="two-cores", scenes=8000, optimization=OptimizationConfig(epochs=8)),
+    "two-cores": replace(_FAST, preset="two-cores", scenes=16_000, optimization=OptimizationConfig(epochs=4)),
     "paper": TrainOptions(
         preset="paper",
         scenes=20_000,
+        optimization=OptimizationConfig(epochs=200, warmup_steps=0, final_learning_rate=1.0),
+    ),
+    # Sec. V: eight classes for a crowd and exhibits, and levels that need not be sparse.
+    "museum": TrainOptions(
+        preset="museum",
+        array=ARRAY_OF_DATA,
+        model=ModelConfig(num_sources=8, alpha=1.0, sigma=1.0, diffuse=0.1),
         optimization=OptimizationConfig(epochs=200, warmup_steps=0, final_learning_rate=1.0),
     ),
 }
@@ -114,20 +130,49 @@ def main(args: Sequence[str] | None = None) -> int:
 def train_with(options: TrainOptions) -> None:
     """Trains as the options say and draws the curves."""
     keep_freed_memory()
-    array = resolve_array(options.array)
+    array = _array(options)
     fabric = _fabric(options)
     fabric.launch()
     dataset = _dataset(options, array, progress=fabric.is_global_zero)
     _claim_run(options, array, fabric.world_size)
     torch.manual_seed(options.optimization.seed)
     system = build_system(SystemConfig(array, options.model, options.guide, options.stft))
+    if options.start_from is not None:
+        start_from(system, load_checkpoint(options.start_from), str(options.start_from))
+    estimator = ESTIMATORS[options.estimator]()
     try:
-        train(system, dataset, options.optimization, options.out, fabric, ESTIMATORS[options.estimator]())
+        train(system, dataset, options.optimization, options.out, fabric, estimator, options.targets)
     finally:
         if fabric.is_global_zero:
             draw_curves(options.out)
     if fabric.is_global_zero:
         print(f"{options.out / CHECKPOINT_NAME}: written.")
+
+
+def start_from(system: System, start: System, where: str) -> None:
+    """Gives a fresh system the weights of another, whose array may differ.
+
+    Raises:
+        InputError: its networks are not of the same shape.
+    """
+    try:
+        system.load_state_dict(start.state_dict())
+    except RuntimeError as error:
+        problem = " ".join(str(error).split())[:300]
+        raise InputError(
+            f"{where}: its networks have other shapes ({problem}); give a checkpoint trained with the same --model, "
+            "--guide and --stft."
+        ) from error
+
+
+def _array(options: TrainOptions) -> MicrophoneArray:
+    if options.array != ARRAY_OF_DATA:
+        return resolve_array(options.array)
+    if not options.data:
+        raise InputError(
+            f"preset {options.preset} with --array {ARRAY_OF_DATA} wants --data: a folder of clips made by prepare.py."
+        )
+    return SceneDataset(options.data).array
 
 
 def _fabric(options: TrainOptions) -> Fabric:
@@ -166,12 +211,14 @@ def _claim_run(options: TrainOptions, array: MicrophoneArray, processes: int) ->
     settings = {
         "array": array.to_dict(),
         "data": [str(folder) for folder in options.data] or {"scenes": options.scenes, "condition": options.condition},
+        "start_from": None if options.start_from is None else str(options.start_from),
         "estimator": options.estimator,
         "precision": options.precision,
         "processes": processes,
         "model": asdict(options.model),
         "guide": asdict(options.guide),
         "stft": asdict(options.stft),
+        "targets": asdict(options.targets),
         "optimization": asdict(options.optimization),
     }
     settings = json.loads(json.dumps(settings))
@@ -182,10 +229,10 @@ def _claim_run(options: TrainOptions, array: MicrophoneArray, processes: int) ->
             previous = json.loads(path.read_text(encoding="utf-8"))
         except ValueError as error:
             raise InputError(f"{path}: damaged ({error}); give another --out or delete the folder.") from error
-        for section in ("model", "guide", "stft", "optimization"):
+        for section in ("model", "guide", "stft", "targets", "optimization"):
             for name, value in settings[section].items():
                 _compare(path, f"{section}.{name}", previous.get(section, {}).get(name), value)
-        for name in ("array", "data", "estimator", "precision", "processes"):
+        for name in ("array", "data", "start_from", "estimator", "precision", "processes"):
             _compare(path, name, previous.get(name), settings[name])
         return
     options.out.mkdir(parents=True, exist_ok=True)

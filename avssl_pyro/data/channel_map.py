@@ -12,8 +12,17 @@ def matching_channels(recorded: MicrophoneArray, wanted: MicrophoneArray, where:
     """Channels of ``recorded``, counted from 0, in the order of the microphones of ``wanted``.
 
     Raises:
-        InputError: a microphone of ``wanted`` is not within 0.1 mm of any of ``recorded``; both are named.
+        InputError: the two do not hear by the same kind of steering, or a microphone of ``wanted`` is not within 0.1 mm
+            of any of ``recorded``; both are named.
     """
+    if recorded.steering != wanted.steering:
+        raise InputError(
+            f"{where}: it was recorded with array '{recorded.name}' {recorded.steering.phrase}, but array "
+            f"'{wanted.name}' hears {wanted.steering.phrase}; give a recording of that array."
+        )
+    if wanted.steering.num_microphones is not None:
+        # Their channels have an order of their own, whatever positions the files give.
+        return tuple(range(wanted.num_microphones))
     distance_wr = np.linalg.norm(wanted.positions[:, None] - recorded.positions[None], axis=-1)
     channels = tuple(int(channel) for channel in distance_wr.argmin(axis=1))
     for microphone, channel in enumerate(channels):

@@ -29,7 +29,7 @@ class Clip:
 
 @dataclass(frozen=True)
 class SceneLabels:
-    """The truth about a simulated scene; read by evaluation only.
+    """The truth about a scene, simulated or labelled by hand; read by evaluation only.
 
     Args:
         talker_azimuths: azimuths of the people who speak, radians.

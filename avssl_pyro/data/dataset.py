@@ -105,14 +105,23 @@ class SceneDataset(Dataset[Clip]):
         return Clip(key, np.ascontiguousarray(audio_mn[list(channels)]), image_ijc)
 
     def labels(self, index: int) -> SceneLabels:
-        """The truth about a scene, radians; for evaluation only."""
-        return self._facts(index)[0]
+        """The truth about a scene, radians; for evaluation only.
+
+        Raises:
+            InputError: the scene has no labels, or its shard is damaged.
+        """
+        labels = self._facts(index)[0]
+        if labels is None:
+            number, shard, position = self._locate(index)
+            where = self._readers[number].where(shard, position)
+            raise InputError(f"{where} has no labels, as recordings have none; evaluate on labelled scenes.")
+        return labels
 
     def facts(self, index: int) -> dict[str, Any]:
-        """What the simulator noted about a scene; degrees, metres."""
+        """What was noted about a scene when it was made; degrees, metres, seconds."""
         return self._facts(index)[1]
 
-    def _facts(self, index: int) -> tuple[SceneLabels, dict[str, Any]]:
+    def _facts(self, index: int) -> tuple[SceneLabels | None, dict[str, Any]]:
         number, shard, position = self._locate(index)
         reader = self._readers[number]
         content = reader.read(shard, position, FACTS_EXTENSION)

@@ -36,18 +36,29 @@ _JPEG_SETTINGS = (
 _KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
-class LabeledScene(Protocol):
-    """A clip, its labels, and further facts about it (plain JSON values; degrees, metres)."""
+# Quieter clips are stored with 24 bits, so that rounding stays far below their own noise.
+_QUIET_RMS = 3e-3
+
+
+class Scene(Protocol):
+    """A clip, its labels where it has any, and further facts about it (plain JSON values; degrees, metres)."""
 
     @property
     def clip(self) -> Clip: ...
     @property
-    def labels(self) -> SceneLabels: ...
+    def labels(self) -> SceneLabels | None: ...
     @property
     def facts(self) -> dict[str, Any]: ...
 
 
-def encode_scene(scene: LabeledScene) -> dict[str, bytes]:
+class LabeledScene(Scene, Protocol):
+    """A scene that has labels."""
+
+    @property
+    def labels(self) -> SceneLabels: ...
+
+
+def encode_scene(scene: Scene) -> dict[str, bytes]:
     """The files of a scene by extension, in the order in which they are stored.
 
     Raises:
@@ -66,13 +77,18 @@ def encode_scene(scene: LabeledScene) -> dict[str, bytes]:
 def _encode_audio(audio_mn: npt.NDArray[np.float32], where: str) -> dict[str, bytes]:
     if audio_mn.ndim != 2 or not np.isfinite(audio_mn).all():
         raise InputError(f"{where}: its audio must be (microphones, samples) of finite numbers.")
+    # Each channel's mean apart: converters have an offset.
+    quiet = float(audio_mn.var(axis=1, dtype=np.float64).mean()) < _QUIET_RMS**2
+    scale, subtype = (_FULL_SCALE * 256.0, "PCM_24") if quiet else (_FULL_SCALE, "PCM_16")
     # Rounded here: libsndfile scales floats by 32767 on the way in and by 32768 on the way out.
-    pcm_mn = np.clip(np.rint(audio_mn * _FULL_SCALE), -_FULL_SCALE, _FULL_SCALE - 1).astype(np.int16)
+    rounded_mn = np.clip(np.rint(audio_mn * scale), -scale, scale - 1)
+    # libsndfile takes the upper 24 of 32 bits.
+    pcm_mn = rounded_mn.astype(np.int32) * 256 if quiet else rounded_mn.astype(np.int16)
     stream = io.BytesIO()
     if len(pcm_mn) > FLAC_MAX_CHANNELS:
-        soundfile.write(stream, pcm_mn.T, SAMPLE_RATE, format="WAV", subtype="PCM_16")
+        soundfile.write(stream, pcm_mn.T, SAMPLE_RATE, format="WAV", subtype=subtype)
         return {"wav": stream.getvalue()}
-    soundfile.write(stream, pcm_mn.T, SAMPLE_RATE, format="FLAC", subtype="PCM_16", compression_level=_FLAC_COMPRESSION)
+    soundfile.write(stream, pcm_mn.T, SAMPLE_RATE, format="FLAC", subtype=subtype, compression_level=_FLAC_COMPRESSION)
     return {"flac": stream.getvalue()}
 
 
@@ -111,11 +127,12 @@ def decode_image(content: bytes, where: str) -> npt.NDArray[np.uint8]:
     return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
 
 
-def _encode_facts(scene: LabeledScene) -> bytes:
+def _encode_facts(scene: Scene) -> bytes:
+    labels = scene.labels
     content = {
         "key": scene.clip.key,
-        "talker_azimuths_deg": _degrees(scene.labels.talker_azimuths),
-        "silent_azimuths_deg": _degrees(scene.labels.silent_azimuths),
+        "talker_azimuths_deg": None if labels is None else _degrees(labels.talker_azimuths),
+        "silent_azimuths_deg": None if labels is None else _degrees(labels.silent_azimuths),
         "facts": scene.facts,
     }
     return json.dumps(content, indent=1, sort_keys=True, allow_nan=False).encode()
@@ -125,14 +142,16 @@ def _degrees(azimuths: tuple[float, ...]) -> list[float]:
     return [round(math.degrees(azimuth), 9) for azimuth in azimuths]
 
 
-def decode_facts(content: bytes, where: str) -> tuple[SceneLabels, dict[str, Any]]:
-    """Labels (radians) and facts of a stored scene.
+def decode_facts(content: bytes, where: str) -> tuple[SceneLabels | None, dict[str, Any]]:
+    """Labels (radians; None where it has none) and facts of a stored scene.
 
     Raises:
         InputError: they are not what :func:`encode_scene` writes.
     """
     try:
         data = json.loads(content)
+        if data["talker_azimuths_deg"] is None:
+            return None, dict(data["facts"])
         labels = SceneLabels(
             talker_azimuths=tuple(math.radians(azimuth) for azimuth in data["talker_azimuths_deg"]),
             silent_azimuths=tuple(math.radians(azimuth) for azimuth in data["silent_azimuths_deg"]),

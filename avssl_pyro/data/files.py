@@ -8,17 +8,17 @@ import numpy.typing as npt
 import soundfile
 from scipy.signal import resample_poly
 
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.data.audio_file import check_samples
 from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS, SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
 
 MAX_SECONDS = 10.0
 MIN_SECONDS = 0.1
-# Float files of 32-bit integers that nobody scaled are the largest that make sense.
-MAX_AMPLITUDE = 2.0**31
 
 
-def read_audio(path: Path, num_microphones: int, array_name: str) -> npt.NDArray[np.float32]:
-    """Reads WAV or FLAC of any rate as float32 (M, N) at 16 kHz.
+def read_audio(path: Path, array: MicrophoneArray) -> npt.NDArray[np.float32]:
+    """Reads the array's channels of a WAV or FLAC file of any rate as float32 (M, N) at 16 kHz.
 
     Raises:
         InputError: the file cannot be read, has the wrong number of channels, is too short or too long, or holds
@@ -28,18 +28,14 @@ def read_audio(path: Path, num_microphones: int, array_name: str) -> npt.NDArray
         raise InputError(f"{path}: no such audio file.")
     try:
         with soundfile.SoundFile(path) as file:
-            channels, rate, frames = file.channels, file.samplerate, file.frames
-            if channels != num_microphones:
-                raise InputError(
-                    f"{path}: {channels} channel(s), but array '{array_name}' has {num_microphones} microphones; "
-                    "give a recording of that array, one channel per microphone."
-                )
+            rate, frames = file.samplerate, file.frames
+            check_channels(file.channels, array, str(path))
             if frames > MAX_SECONDS * rate:
                 raise InputError(
                     f"{path}: {frames / rate:.1f} s long; a clip may last up to {MAX_SECONDS:g} s, so cut out a part "
                     "during which nobody moves."
                 )
-            audio_nm = file.read(dtype="float32", always_2d=True)
+            audio_nm = file.read(dtype="float32", always_2d=True)[:, list(array.channel_indices)]
     except (soundfile.SoundFileError, RuntimeError) as error:
         raise InputError(f"{path}: cannot be read as audio ({error}); give WAV or FLAC.") from error
     if len(audio_nm) < MIN_SECONDS * rate:
@@ -47,20 +43,31 @@ def read_audio(path: Path, num_microphones: int, array_name: str) -> npt.NDArray
             f"{path}: {len(audio_nm)} samples ({1e3 * len(audio_nm) / rate:.0f} ms); a clip needs at least "
             f"{1e3 * MIN_SECONDS:.0f} ms."
         )
-    if not np.isfinite(audio_nm).all():
-        frame, channel = np.argwhere(~np.isfinite(audio_nm))[0]
-        raise InputError(
-            f"{path}: sample {frame} of channel {channel + 1} is not a finite number; export the recording again."
-        )
-    largest = float(np.abs(audio_nm).max())
-    if largest > MAX_AMPLITUDE:
-        raise InputError(
-            f"{path}: a sample is as large as {largest:.3g} where full scale is 1; export the recording again."
-        )
+    check_samples(audio_nm, path, channels=array.channel_indices)
     if rate != SAMPLE_RATE:
         divisor = int(np.gcd(rate, SAMPLE_RATE))
         audio_nm = resample_poly(audio_nm, SAMPLE_RATE // divisor, rate // divisor, axis=0)
     return np.ascontiguousarray(audio_nm.T, dtype=np.float32)
+
+
+def check_channels(found: int, array: MicrophoneArray, where: str) -> None:
+    """Refuses a recording that lacks channels of the array, or has others that no channel map leaves out.
+
+    Raises:
+        InputError: the array has no channel map and the numbers differ, or a channel of the map does not exist.
+    """
+    if array.channels is None and found != array.num_microphones:
+        raise InputError(
+            f"{where}: {found} channel(s), but array '{array.name}' has {array.num_microphones} microphones; give a "
+            "recording of that array, one channel per microphone, or say in the array's file under 'channels' which "
+            "are its own."
+        )
+    if array.channels is not None and found < max(array.channels):
+        microphone = array.channels.index(max(array.channels)) + 1
+        raise InputError(
+            f"{where}: {found} channel(s), but microphone {microphone} of array '{array.name}' is on channel "
+            f"{max(array.channels)}; give a recording with all channels, or another channel map."
+        )
 
 
 def read_image(path: Path) -> npt.NDArray[np.uint8]:
@@ -104,6 +111,6 @@ def fit_image(image_ijc: npt.NDArray[np.uint8], where: str) -> npt.NDArray[np.ui
     return np.asarray(resized, dtype=np.uint8)
 
 
-def read_clip(image: Path, audio: Path, num_microphones: int, array_name: str) -> Clip:
-    """A clip from an image and an audio file; see :func:`read_image` and :func:`read_audio`."""
-    return Clip(audio.stem, read_audio(audio, num_microphones, array_name), read_image(image))
+def read_clip(image: Path, audio: Path, array: MicrophoneArray) -> Clip:
+    """A clip from an image and an audio file of the array; see :func:`read_image` and :func:`read_audio`."""
+    return Clip(audio.stem, read_audio(audio, array), read_image(image))

@@ -23,7 +23,7 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import remove_temporaries, write_atomically
-from avssl_pyro.data.encoding import LabeledScene
+from avssl_pyro.data.encoding import Scene
 from avssl_pyro.data.folder_lock import sole_writer
 from avssl_pyro.data.manifest import (
     MANIFEST_NAME,
@@ -49,7 +49,7 @@ _PARENT = os.getppid()
 class Simulator(Protocol):
     """Renders scene number ``index``: picklable, and a function of itself and the index alone."""
 
-    def render(self, index: int) -> LabeledScene: ...
+    def render(self, index: int) -> Scene: ...
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,7 @@ class GenerationPlan:
         array: the microphones that ``simulator`` renders.
         num_scenes: how many scenes, indices 0 to ``num_scenes`` - 1.
         scenes_per_shard: scenes in one tar file and one parallel task.
+        action: what the progress bar says is being done.
     """
 
     folder: Path
@@ -73,6 +74,7 @@ class GenerationPlan:
     array: MicrophoneArray
     num_scenes: int
     scenes_per_shard: int = SCENES_PER_SHARD
+    action: str = "simulate"
 
     @property
     def spec(self) -> DatasetSpec:
@@ -184,7 +186,7 @@ def _make(
     bar = tqdm(
         total=plan.num_scenes,
         initial=plan.num_scenes - todo,
-        desc="simulate",
+        desc=plan.action,
         unit="scene",
         smoothing=0.1,
         disable=not (progress and missing),
@@ -211,7 +213,7 @@ def _make_shard(folder: Path, number: int, scenes: range, pickled: bytes, driver
     return number, record
 
 
-def _unless_orphaned(scene: LabeledScene, driver: int) -> LabeledScene:
+def _unless_orphaned(scene: Scene, driver: int) -> Scene:
     # joblib's processes outlive a killed parent by all tasks that were queued, and would compete with its successor.
     if driver == _PARENT != os.getppid():
         os._exit(1)

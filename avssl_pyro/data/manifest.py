@@ -135,7 +135,7 @@ class Manifest:
         if not path.is_file():
             raise InputError(
                 f"{folder}: no {MANIFEST_NAME}, so this is no finished set of scenes; "
-                "run scripts/simulate.py with the same --out to make or complete it."
+                "run scripts/simulate.py or scripts/prepare.py with the same --out to make or complete it."
             )
         data = read_json(path)
         spec = DatasetSpec.from_dict(data, where=str(path))

@@ -7,14 +7,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from avssl_pyro.data.encoding import LabeledScene, encode_scene
+from avssl_pyro.data.encoding import Scene, encode_scene
 from avssl_pyro.data.manifest import ShardRecord
 from avssl_pyro.errors import InputError
 
 _BLOCK_BYTES = 1 << 20
 
 
-def build_shard(scenes: Iterable[LabeledScene]) -> bytes:
+def build_shard(scenes: Iterable[Scene]) -> bytes:
     """The tar archive of some scenes; the same scenes give the same bytes on any machine at any time.
 
     Raises:
@@ -44,7 +44,7 @@ def shard_problem(folder: Path, shard: ShardRecord, contents: bool = True) -> st
     """What is wrong with a shard, as a sentence that names it, or None; ``contents`` compares the checksum too."""
     path = folder / shard.name
     if not path.is_file():
-        return f"shard {path} is missing; run scripts/simulate.py with the same settings to make it again."
+        return f"shard {path} is missing; run the command that made it with the same settings to make it again."
     found = path.stat().st_size
     if found != shard.num_bytes:
         state = "truncated" if found < shard.num_bytes else "altered"

@@ -27,7 +27,7 @@ from avssl_pyro.acoustics.covariance import (
 )
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, quadratic_form
 
-NEWTON_STEPS = 8
+NEWTON_STEPS = 4
 # Newton's step in log w is kept below this: far from its maximum the bound is steeper than its tangent tells.
 LONGEST_STEP = 2.0
 

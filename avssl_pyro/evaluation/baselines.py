@@ -1,7 +1,8 @@
-"""Audio-only baselines of pyroomacoustics behind our grid, our peak picking and our tuning."""
+"""Audio-only baselines of pyroomacoustics behind our grid, our steering vectors, our peak picking and our tuning."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,12 @@ def subspace_sources(array: MicrophoneArray) -> int:
 class DoaBaseline:
     """A grid search of pyroomacoustics as a :class:`avssl_pyro.evaluation.methods.Method`.
 
+    It searches by the array's own steering vectors, so that it knows as much of a sphere or of measured responses as
+    the model does.
+
+    Raises:
+        InputError: SRP-PHAT is asked of channels that differ in level alone, which it whitens away.
+
     Args:
         name: how tables call it.
         doa: class of the algorithm, e.g. ``pyroomacoustics.doa.MUSIC``.
@@ -57,6 +64,20 @@ class DoaBaseline:
     num_jobs: int = 1
     settings: Sequence[PeakSetting] = field(default=PEAK_SETTINGS, repr=False)
 
+    def __post_init__(self) -> None:
+        if self.doa is SRP and not self.array.steering.has_delays:
+            raise InputError(
+                f"{self.name} needs delays between microphones, but array '{self.array.name}' hears "
+                f"{self.array.steering.phrase}, whose channels differ in level alone; use MUSIC."
+            )
+
+    @cached_property
+    def _steering_fmd(self) -> npt.NDArray[np.complex128]:
+        """Steering vectors of every bin of the STFT for the azimuths as pyroomacoustics sorts them, (F, M, D)."""
+        frequencies = replace(self.stft_config, low_hz=0.0, high_hz=self.stft_config.sample_rate / 2, bin_step=1)
+        steering_fdm = self.array.steering_vectors(self.grid, frequencies.frequencies).numpy()
+        return steering_fdm[:, np.argsort(self.grid.azimuths)].transpose(0, 2, 1)
+
     def observe(self, clip: Clip) -> Spectrum:
         """Spatial spectrum over the grid, (D,), finite; flat where the clip is silent.
 
@@ -72,13 +93,15 @@ class DoaBaseline:
         x_mft = self.spectrogram(clip)
         # A DOA object overwrites its own number of sources, so none is used twice; it also sorts its grid.
         doa = self.doa(
-            self.array.positions.T,
+            # Where there are no positions it wants some all the same; the steering vectors overrule them.
+            self.array.positions.T if len(self.array.positions) else np.zeros((3, channels)),
             self.stft_config.sample_rate,
             self.stft_config.window,
             c=self.array.speed_of_sound,
             num_src=self.num_sources,
             azimuth=self.grid.azimuths,
         )
+        doa.mode_vec = self._steering_fmd
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             doa.locate_sources(x_mft, freq_range=list(self.freq_range_hz))
         spectrum_d = np.zeros(self.grid.num_directions)
@@ -105,6 +128,8 @@ class DoaBaseline:
         return np.asarray(x_mft, dtype=np.complex128)
 
     def observe_all(self, clips: Iterable[Clip]) -> list[Spectrum]:
+        # Computed here, to be sent to every process instead of being computed in each.
+        _ = self._steering_fmd
         spectra: list[Spectrum] = Parallel(n_jobs=self.num_jobs)(delayed(self.observe)(clip) for clip in clips)
         return spectra
 
@@ -117,11 +142,15 @@ def default_baselines(
     grid: DirectionGrid,
     num_jobs: int = 1,
     freq_range_hz: tuple[float, float] = DEFAULT_BAND_HZ,
-) -> tuple[DoaBaseline, DoaBaseline, DoaBaseline]:
-    """SRP-PHAT (DiBiase 2000), MUSIC (Schmidt 1986) and MUSIC normalized per frequency (Salvati et al. 2014)."""
+) -> tuple[DoaBaseline, ...]:
+    """SRP-PHAT (DiBiase 2000), MUSIC (Schmidt 1986) and MUSIC normalized per frequency (Salvati et al. 2014).
+
+    SRP-PHAT is left out for ambisonics, which has no delays.
+    """
     rank = subspace_sources(array)
+    srp = DoaBaseline("srp-phat", SRP, array, grid, freq_range_hz=freq_range_hz, num_jobs=num_jobs)
     return (
-        DoaBaseline("srp-phat", SRP, array, grid, freq_range_hz=freq_range_hz, num_jobs=num_jobs),
+        *((srp,) if array.steering.has_delays else ()),
         DoaBaseline("music", MUSIC, array, grid, rank, freq_range_hz, num_jobs=num_jobs),
         DoaBaseline("norm-music", NormMUSIC, array, grid, rank, freq_range_hz, num_jobs=num_jobs),
     )

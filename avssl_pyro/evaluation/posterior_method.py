@@ -13,7 +13,11 @@ from avssl_pyro.inference.localization import ScenePosterior, SourceThresholds, 
 
 LEVELS = (0.01, 0.02, 0.04, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25)
 PEAKS = (0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
-SOURCE_SETTINGS = tuple(SourceThresholds(level=level, peak=peak) for level, peak in product(LEVELS, PEAKS))
+# Few microphones spread one talker over more directions.
+MERGES_DEG = (12.0, 20.0)
+SOURCE_SETTINGS = tuple(
+    SourceThresholds(level, peak, merge_deg) for merge_deg, level, peak in product(MERGES_DEG, LEVELS, PEAKS)
+)
 
 
 def _batches(clips: Iterable[Clip], size: int) -> Iterator[list[Clip]]:

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.data.clip import SAMPLE_RATE
 from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
@@ -34,6 +33,7 @@ class ModelConfig:
         alpha: concentration of the Dirichlet prior of mixing levels (alpha_0).
         sigma: scale of the log-normal prior of direction weights (sigma_0).
         diffuse: diffuse power relative to the summed weights (epsilon).
+        bin_weight: every observed time-frequency bin stands for so many, where the STFT leaves some out.
     """
 
     num_sources: int = 4
@@ -41,11 +41,12 @@ class ModelConfig:
     alpha: float = 0.01
     sigma: float = 1.0
     diffuse: float = 0.1
+    bin_weight: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("num_sources", "num_directions"):
             _require(self, name, getattr(self, name) >= 1, "at least 1")
-        for name in ("alpha", "sigma"):
+        for name in ("alpha", "sigma", "bin_weight"):
             _require(self, name, 0 < getattr(self, name) < math.inf, "positive")
         least = LEAST_DIFFUSE[torch.complex64]
         _require(self, "diffuse", least <= self.diffuse < math.inf, f"at least {least:g}")
@@ -57,11 +58,14 @@ class GuideConfig:
 
     Args:
         audio_net: estimate mixing levels with the audio network; without it they are 1/K ("w/o Aud").
-        visual_channels: width of the U-Net at every level.
+        visual_channels: width of the U-Net at every level, at least two.
         audio_channels: width of the audio network.
         dropout: dropout probability in both networks.
         circular: join the left and right image edges in the visual network.
         position_channels: show the visual network each pixel's azimuth.
+        anchor_gain: give every class of the visual network a sector of its own to start with, by a bump of log-weight
+            of this height; 0 for none.
+        augment: train the visual network on pictures turned and mirrored at random.
         initial_sigma: sigma_k before training.
         initial_beta: beta before training.
         diffuse_class: keep one of the source classes for diffuse noise, its direction weights all alike.
@@ -69,19 +73,22 @@ class GuideConfig:
 
     audio_net: bool = True
     visual_channels: tuple[int, ...] = (16, 32, 48, 64)
-    audio_channels: int = 64
+    audio_channels: int = 48
     dropout: float = 0.1
     circular: bool = True
     position_channels: bool = True
+    anchor_gain: float = 0.0
+    augment: bool = False
     initial_sigma: float = 0.3
     initial_beta: float = 100.0
     diffuse_class: bool = False
 
     def __post_init__(self) -> None:
         widths = self.visual_channels
-        _require(self, "visual_channels", bool(widths) and min(widths) >= 1, "one or more widths of at least 1")
+        _require(self, "visual_channels", len(widths) > 1 and min(widths) >= 1, "two or more widths of at least 1")
         _require(self, "audio_channels", self.audio_channels >= 1, "at least 1")
         _require(self, "dropout", 0 <= self.dropout < 1, "at least 0 and below 1")
+        _require(self, "anchor_gain", 0 <= self.anchor_gain < math.inf, "at least 0")
         for name in ("initial_sigma", "initial_beta"):
             _require(self, name, 0 < getattr(self, name) < math.inf, "positive")
 
@@ -113,8 +120,8 @@ class SystemConfig:
         return DirectionGrid(self.model.num_directions)
 
     def steering(self, dtype: torch.dtype = torch.complex64) -> Tensor:
-        """Free-field steering vectors of the array, (F, D, M)."""
-        return FreeField(self.array)(self.grid, self.stft.frequencies).to(dtype)
+        """Steering vectors of the array, of whatever kind it is, (F, D, M)."""
+        return self.array.steering_vectors(self.grid, self.stft.frequencies).to(dtype)
 
 
 @dataclass(frozen=True)
@@ -129,7 +136,13 @@ class System:
         """A refinement under this system's own priors."""
         sizes = self.config.model
         return RefinementConfig(
-            **{"prior_sigma": sizes.sigma, "alpha": sizes.alpha, "diffuse": sizes.diffuse} | changes
+            **{
+                "prior_sigma": sizes.sigma,
+                "alpha": sizes.alpha,
+                "diffuse": sizes.diffuse,
+                "bin_weight": sizes.bin_weight,
+            }
+            | changes
         )
 
     def state_dict(self) -> dict[str, Tensor]:
@@ -167,6 +180,7 @@ def build_system(config: SystemConfig, dtype: torch.dtype = torch.float32) -> Sy
             level_prior=SparseDirichlet(sizes.alpha),
             direction_prior=LogNormalWeights(sizes.sigma),
             diffuse=sizes.diffuse,
+            bin_weight=sizes.bin_weight,
         )
         visual = VisualNet(
             sizes.num_sources - options.diffuse_class,
@@ -175,6 +189,8 @@ def build_system(config: SystemConfig, dtype: torch.dtype = torch.float32) -> Sy
             options.dropout,
             options.circular,
             options.position_channels,
+            options.anchor_gain,
+            options.augment,
         )
         if options.audio_net:
             audio = AudioNet(steering_fdm, options.audio_channels, dropout=options.dropout)

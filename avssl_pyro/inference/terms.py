@@ -71,13 +71,15 @@ def _mean_over_particles(value: Tensor) -> Tensor:
 
 
 class RecordsTerms:
-    """Mixin of an ELBO estimator that keeps the terms of its last evaluation in ``terms``."""
+    """Mixin of an ELBO estimator that keeps the terms and the guide's trace of its last evaluation."""
 
     terms: ElboTerms | None = None
+    guide_trace: Trace | None = None
 
     def _get_trace(self, model: Any, guide: Any, args: Any, kwargs: Any) -> tuple[Trace, Trace]:
         model_trace, guide_trace = super()._get_trace(model, guide, args, kwargs)  # type: ignore[misc]
         self.terms = ElboTerms.from_traces(model_trace, guide_trace)
+        self.guide_trace = guide_trace
         return model_trace, guide_trace
 
 

@@ -28,6 +28,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.interruption import StopRequest
+from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss
 from avssl_pyro.inference.reporting import Reporter
 from avssl_pyro.inference.system import System
 from avssl_pyro.inference.terms import ElboTerms, RecordingMeanFieldELBO, RecordsTerms
@@ -53,6 +54,7 @@ class OptimizationConfig:
         num_workers: processes that read ahead, of use to a GPU; 0 reads in the training process, faster on few cores.
         log_every: steps between log records.
         checkpoint_minutes: minutes between checkpoints.
+        freeze_visual: leave the visual network as it is and train the rest; for a start from another array's system.
     """
 
     epochs: int = 5
@@ -66,6 +68,7 @@ class OptimizationConfig:
     num_workers: int = 0
     log_every: int = 10
     checkpoint_minutes: float = 3.0
+    freeze_visual: bool = False
 
     def __post_init__(self) -> None:
         for name, least in (("epochs", 1), ("batch_size", 1), ("log_every", 1), ("num_workers", 0), ("seed", 0)):
@@ -87,6 +90,7 @@ def train(
     run_dir: Path,
     fabric: Fabric,
     estimator: Trace_ELBO | None = None,
+    targets: TargetConfig | None = None,
     *,
     stop_after: int | None = None,
 ) -> None:
@@ -101,6 +105,7 @@ def train(
         run_dir: folder of the run.
         fabric: devices, processes and precision; already launched.
         estimator: any Pyro ELBO with :class:`RecordsTerms`; the mean-field one (analytic KL) by default.
+        targets: refined posteriors that teach the guide beside the ELBO; none by default.
         stop_after: leave after this many steps in all, as if interrupted.
 
     Raises:
@@ -108,10 +113,11 @@ def train(
         KeyboardInterrupt: ctrl-C or SIGTERM; raised after the state was saved.
     """
     estimator = estimator or RecordingMeanFieldELBO()
+    targets = targets or TargetConfig()
     assert isinstance(estimator, RecordsTerms)
-    with pyro.settings.context(module_local_params=True):
-        loss_module = estimator(system.model, system.guide).train()
-    optimizer = torch.optim.AdamW(loss_module.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
+    loss_module = _loss_module(system, estimator, targets, config)
+    trained = [parameter for parameter in loss_module.parameters() if parameter.requires_grad]
+    optimizer = torch.optim.AdamW(trained, lr=config.learning_rate, weight_decay=config.weight_decay)
     sampler = WindowShuffleSampler(
         dataset.shard_sizes,
         config.batch_size,
@@ -138,8 +144,7 @@ def train(
             for group in optimizer.param_groups:
                 group["lr"] = learning_rate
             x_bfmt = stft(batch.audio_bmn, system.config.stft)
-            b, f, _, t = x_bfmt.shape
-            loss = module(x_bfmt, batch.image_float()) / (b * f * t)
+            loss, cross_entropy = module(x_bfmt, batch.image_float(), targets.weight_at(step, total_steps))
             assert estimator.terms is not None
             if _anyone(not torch.isfinite(loss), fabric):
                 raise TrainingDivergedError(_describe_divergence(loss, estimator.terms, batch, step))
@@ -155,10 +160,11 @@ def train(
             reporter.advance()
             done = step == total_steps
             if step % config.log_every == 0 or done:
-                epoch = step / sampler.steps_per_epoch
-                values = {"epoch": epoch, "loss": loss.item(), "learning_rate": learning_rate}
-                values["elbo_gain"] = _gain(estimator.terms, x_bfmt)
-                reporter.record(step, values | _terms(estimator.terms, f * t) | _scales(system))
+                values = {"epoch": step / sampler.steps_per_epoch, "learning_rate": learning_rate}
+                values |= {"loss": loss.item(), "target_cross_entropy": cross_entropy.item()}
+                reporter.record(
+                    step, values | _terms(estimator.terms, x_bfmt, system.model.bin_weight) | _scales(system)
+                )
             stopping = not done and (_anyone(stop.requested, fabric) or step == stop_after)
             if stopping or done or time.monotonic() - last_save > 60 * config.checkpoint_minutes:
                 if fabric.is_global_zero:
@@ -173,6 +179,18 @@ def train(
         save_checkpoint(run_dir / CHECKPOINT_NAME, system)
     if stopping and step != stop_after:
         raise KeyboardInterrupt
+
+
+def _loss_module(
+    system: System, estimator: Trace_ELBO, targets: TargetConfig, config: OptimizationConfig
+) -> TaughtLoss:
+    diffuse_class = system.config.guide.diffuse_class
+    with pyro.settings.context(module_local_params=True):
+        elbo = estimator(system.model, system.guide)
+    loss_module = TaughtLoss(elbo, estimator, system.model, targets, diffuse_class).train()
+    if config.freeze_visual:
+        system.guide.visual.requires_grad_(False).eval()
+    return loss_module
 
 
 def _batches(
@@ -260,15 +278,15 @@ def _describe_gradient(module: torch.nn.Module, batch: ClipBatch, step: int) -> 
 
 
 @torch.no_grad()
-def _gain(terms: ElboTerms, x_bfmt: torch.Tensor) -> float:
-    """ELBO per time-frequency bin above that of noise from nowhere, which takes out how loud and how long a clip is."""
+def _terms(terms: ElboTerms, x_bfmt: torch.Tensor, bin_weight: float) -> dict[str, float]:
+    """Mean ELBO terms per time-frequency bin, and the ELBO above that of noise from nowhere.
+
+    The latter takes out how loud and how long a clip is.
+    """
     _, f, _, t = x_bfmt.shape
-    return ((terms.elbo_b - isotropic_log_likelihood(observe(x_bfmt))).mean() / (f * t)).item()
-
-
-def _terms(terms: ElboTerms, bins: int) -> dict[str, float]:
-    """Mean ELBO terms per time-frequency bin."""
-    return {name: value_b.mean().item() / bins for name, value_b in terms.named().items()}
+    gain_b = terms.elbo_b - bin_weight * isotropic_log_likelihood(observe(x_bfmt))
+    named = terms.named() | {"elbo_gain": gain_b}
+    return {name: value_b.mean().item() / (f * t * bin_weight) for name, value_b in named.items()}
 
 
 def _scales(system: System) -> dict[str, float]:

@@ -41,22 +41,22 @@ class AudioNet(nn.Module):
         dropout: probability in every block.
         most_bins: of the frequencies given, every n-th is listened to, so that there are at most so many; that keeps
             what speech tells about directions at a fraction of the cost.
-        frame_step: every how many frames are listened to.
+        pooled_frames: so many frames are averaged in power before the logarithm.
     """
 
     def __init__(
         self,
         steering_fdm: Tensor,
-        channels: int = 64,
+        channels: int = 48,
         direction_dilations: Sequence[int] = (1,),
         source_dilations: Sequence[int] = (1, 2, 4),
         dropout: float = 0.1,
         most_bins: int = 96,
-        frame_step: int = 3,
+        pooled_frames: int = 3,
     ) -> None:
         super().__init__()
         self.bins = slice(None, None, -(-steering_fdm.shape[0] // most_bins))
-        self.frame_step = frame_step
+        self.pooled_frames = pooled_frames
         beamformer_fdm = steering_fdm[self.bins].conj() / steering_fdm.shape[-1]
         # Real and imaginary part of a^H x as one real product with [Re x; Im x]: (F', 2D, 2M).
         real, imag = beamformer_fdm.real, beamformer_fdm.imag
@@ -76,10 +76,13 @@ class AudioNet(nn.Module):
             return self._beamformed(x_bfmt)
 
     def _beamformed(self, x_bfmt: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        x_bfmt = x_bfmt[:, self.bins, :, :: self.frame_step]
+        num_frames = x_bfmt.shape[-1]
+        pooled = min(self.pooled_frames, num_frames)
+        x_bfmt = x_bfmt[:, self.bins, :, : num_frames - num_frames % pooled]
         beam = self.beamformer @ torch.cat([x_bfmt.real, x_bfmt.imag], dim=-2)
         real_bfdt, imag_bfdt = beam.chunk(2, dim=-2)
-        power_bfdt = real_bfdt.square_().addcmul_(imag_bfdt, imag_bfdt).flatten(-2)
+        power_bfdt = real_bfdt.square_().addcmul_(imag_bfdt, imag_bfdt)
+        power_bfdt = power_bfdt.unflatten(-1, (-1, pooled)).mean(-1).flatten(-2)
         # The floor is relative to the clip, so that the features do not depend on the recording's gain.
         floor = (1e-8 * power_bfdt.mean(dim=(1, 2), keepdim=True)).clamp_min(torch.finfo(power_bfdt.dtype).tiny)
         log_power = power_bfdt.add_(floor).log_()

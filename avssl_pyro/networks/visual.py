@@ -1,11 +1,14 @@
 """VisualNet: a small U-Net that turns a 360-degree image into one log-weight per source class and direction."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
+
+from avssl_pyro.networks.azimuth_view import AzimuthView
 
 
 class _WrapAzimuth(torch.autograd.Function):
@@ -46,32 +49,36 @@ def _block(inputs: int, outputs: int, stride: int, circular: bool) -> nn.Sequent
 
 
 class _Up(nn.Module):
-    """Doubles the resolution with a pixel shuffle and joins the skip connection."""
+    """Doubles the resolution with a pixel shuffle and adds the skip connection."""
 
-    def __init__(self, inputs: int, skip: int, outputs: int, circular: bool) -> None:
+    def __init__(self, inputs: int, outputs: int, circular: bool) -> None:
         super().__init__()
         self.expand = nn.Conv2d(inputs, 4 * outputs, kernel_size=1)
         self.shuffle = nn.PixelShuffle(2)
-        self.merge = _block(outputs + skip, outputs, 1, circular)
+        self.merge = _block(outputs, outputs, 1, circular)
 
     def forward(self, x: Tensor, skip: Tensor) -> Tensor:
         rows, columns = skip.shape[-2:]
-        up: Tensor = self.shuffle(self.expand(x))[..., :rows, :columns]
-        merged: Tensor = self.merge(torch.cat([up, skip], dim=1))
+        merged: Tensor = self.merge(self.shuffle(self.expand(x))[..., :rows, :columns] + skip)
         return merged
 
 
 class VisualNet(nn.Module):
     """The visual DNN of Fig. 3 (a): U-Net, 1x1 convolutions, resize to D columns, vertical max pooling.
 
+    The decoder ends at a quarter of the image's resolution, which is one column per direction of the usual grid.
+
     Args:
         num_sources: K.
         num_directions: D; the image width must be a multiple of it, so that columns and directions stay aligned.
-        channels: width of the U-Net at each halving of the resolution, the first at half the image's.
+        channels: width of the U-Net at each halving of the resolution, the first at half the image's; at least two.
         dropout: probability after the bottleneck and before the 1x1 convolutions.
         circular: pad along azimuth as if the left and right edges were joined.
         position_channels: feed sine and cosine of azimuth as well, by which source classes can divide the circle
-            among themselves; without them a circular network cannot tell directions apart.
+            among themselves; without them and anchors a circular network cannot tell directions apart.
+        anchor_gain: height of the broad, learned bump of log-weight that every class starts with, centred on
+            directions evenly spaced over the circle, so that no two classes compete for one sector; 0 for none.
+        augment: show each picture turned and mirrored at random while training, and turn the answer back.
     """
 
     def __init__(
@@ -82,37 +89,51 @@ class VisualNet(nn.Module):
         dropout: float = 0.1,
         circular: bool = True,
         position_channels: bool = True,
+        anchor_gain: float = 0.0,
+        augment: bool = False,
     ) -> None:
         super().__init__()
         self.num_sources = num_sources
         self.num_directions = num_directions
         self.position_channels = position_channels
+        self.augment = augment
         inputs = 3 + 2 * position_channels
         self.down = nn.ModuleList()
         for depth, outputs in enumerate(channels):
             blocks = [_block(inputs, outputs, 2, circular)]
-            # At the finest level a second convolution costs a third of the network for little.
-            if depth > 0:
+            # At the two finest levels a second convolution costs a third of the network for little.
+            if depth > 1:
                 blocks.append(_block(outputs, outputs, 1, circular))
             self.down.append(nn.Sequential(*blocks))
             inputs = outputs
         self.bottleneck_dropout = nn.Dropout2d(dropout)
         self.up = nn.ModuleList(
-            _Up(deep, shallow, shallow, circular)
-            for deep, shallow in zip(reversed(channels[1:]), reversed(channels[:-1]), strict=True)
+            _Up(deep, shallow, circular)
+            for deep, shallow in zip(reversed(channels[2:]), reversed(channels[1:-1]), strict=True)
         )
         self.head = nn.Sequential(
             nn.Dropout2d(dropout),
-            nn.Conv2d(channels[0], channels[0], kernel_size=1),
+            nn.Conv2d(channels[1], channels[1], kernel_size=1),
             nn.LeakyReLU(0.1, inplace=True),
-            nn.Conv2d(channels[0], num_sources, kernel_size=1),
+            nn.Conv2d(channels[1], num_sources, kernel_size=1),
         )
+        self.anchor_kd: nn.Parameter | None = None
+        if anchor_gain:
+            turn_d = _azimuths(num_directions) - _azimuths(num_sources)[:, None]
+            self.anchor_kd = nn.Parameter(anchor_gain * turn_d.cos())
 
     def forward(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
-        """Log-weights mu_bkd (B, K, D) and activation maps (B, K, I/2, J/2) of an image (B, 3, I, J) in [0, 1]."""
+        """Log-weights mu_bkd (B, K, D) and activation maps (B, K, I/4, J/4) of an image (B, 3, I, J) in [0, 1]."""
+        if not (self.augment and self.training):
+            return self._weigh(image_bcij)
+        view = AzimuthView.draw(image_bcij.shape[0], self.num_directions, image_bcij.device)
+        mu_bkd, activation_bkij = self._weigh(view.apply(image_bcij))
+        return view.undo(mu_bkd), view.undo(activation_bkij)
+
+    def _weigh(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
         x = 2 * image_bcij - 1
         if self.position_channels:
-            x = torch.cat([x, self._azimuth_planes(x)], dim=1)
+            x = torch.cat([x, _azimuth_planes(x)], dim=1)
         skips: list[Tensor] = []
         for level in self.down:
             x = level(x)
@@ -122,10 +143,20 @@ class VisualNet(nn.Module):
             x = level(x, skips.pop())
         activation_bkij: Tensor = self.head(x)
         columns_bkid = F.adaptive_avg_pool2d(activation_bkij, (activation_bkij.shape[-2], self.num_directions))
-        return columns_bkid.amax(dim=-2), activation_bkij
+        mu_bkd = columns_bkid.amax(dim=-2)
+        if self.anchor_kd is None:
+            return mu_bkd, activation_bkij
+        anchor_1kj = F.interpolate(self.anchor_kd[None], size=activation_bkij.shape[-1])
+        return mu_bkd + self.anchor_kd, activation_bkij + anchor_1kj[:, :, None]
 
-    def _azimuth_planes(self, x: Tensor) -> Tensor:
-        b, _, rows, columns = x.shape
-        azimuth_j = torch.pi * (1 - 2 * (torch.arange(columns, device=x.device, dtype=x.dtype) + 0.5) / columns)
-        planes = torch.stack([azimuth_j.sin(), azimuth_j.cos()])
-        return planes[None, :, None, :].expand(b, 2, rows, columns)
+
+def _azimuths(count: int) -> Tensor:
+    """Centres of ``count`` equal blocks of an image from left to right, radians."""
+    return math.pi * (1 - 2 * (torch.arange(count) + 0.5) / count)
+
+
+def _azimuth_planes(x: Tensor) -> Tensor:
+    b, _, rows, columns = x.shape
+    azimuth_j = _azimuths(columns).to(x)
+    planes = torch.stack([azimuth_j.sin(), azimuth_j.cos()])
+    return planes[None, :, None, :].expand(b, 2, rows, columns)

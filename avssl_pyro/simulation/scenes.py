@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.data.clip import SAMPLE_RATE, Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.compositing import Composite, composite, relight
@@ -72,7 +73,7 @@ class SceneSimulator:
         array: the microphones, around the camera; the union of the paper's circles by default.
 
     Raises:
-        InputError: the seed is negative.
+        InputError: the seed is negative, or the array is of a kind that rooms are not rendered for.
     """
 
     config: SceneConfig = field(default_factory=SceneConfig)
@@ -85,6 +86,11 @@ class SceneSimulator:
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise InputError(f"the seed is {self.seed}; it must be 0 or more.")
+        if self.array.steering != FreeFieldKind():
+            raise InputError(
+                f"array '{self.array.name}' hears {self.array.steering.phrase}, but rooms are simulated for "
+                "microphones in free field only; give recordings of this array instead."
+            )
 
     def render(self, index: int) -> Scene:
         """Renders scene ``index``.

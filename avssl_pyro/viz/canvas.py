@@ -4,16 +4,25 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 MIN_WIDTH = 1152
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """Image on top, degree ruler below; ``unit`` scales lines and letters with the width. All lengths in pixels."""
+    """Image on top, degree ruler below; ``unit`` scales lines and letters with the width. All lengths in pixels.
+
+    Args:
+        width, image_height: size of the image.
+        yaw: azimuth in the middle of the image, radians.
+        mirror: the image shows the left at its right.
+    """
 
     width: int
     image_height: int
+    yaw: float = 0.0
+    mirror: bool = False
 
     @property
     def unit(self) -> float:
@@ -28,8 +37,14 @@ class Canvas:
         return self.image_height + self.ruler_height
 
     def column(self, azimuth: float) -> float:
-        """Horizontal position of an azimuth (radians), from 0 (left edge, +180 degrees) to the width."""
-        return float((np.pi - azimuth) % (2 * np.pi)) / (2 * np.pi) * self.width
+        """Horizontal position of an azimuth (radians), from 0 (left edge, +180 degrees without yaw) to the width."""
+        turned = self.yaw - azimuth if not self.mirror else azimuth - self.yaw
+        return float((np.pi + turned) % (2 * np.pi)) / (2 * np.pi) * self.width
+
+    def distances(self, column: float) -> npt.NDArray[np.float32]:
+        """Distance of every pixel's middle from a column, around the ring, (width,)."""
+        offset_j = np.arange(self.width) + 0.5 - column
+        return np.abs((offset_j + self.width / 2) % self.width - self.width / 2).astype(np.float32)
 
     def copies(self, left: float, right: float) -> Iterator[float]:
         """Shifts by whole turns that bring part of [left, right] onto the canvas."""

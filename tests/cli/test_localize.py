@@ -11,6 +11,7 @@ import soundfile
 import torch
 from scipy.signal import resample_poly
 
+from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.localize import main
@@ -87,6 +88,23 @@ def test_another_rate_and_a_full_sphere_give_the_same_sources(
         levels.append(json.loads(out.read_text()))
     assert levels[0]["mixing_levels"] == pytest.approx(levels[1]["mixing_levels"], abs=0.02)
     assert np.array(levels[0]["direction_weights"]) == pytest.approx(np.array(levels[1]["direction_weights"]), abs=1e-3)
+
+
+def test_a_channel_map_finds_the_microphones_among_the_channels(
+    checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
+) -> None:
+    image, audio = clip
+    samples, rate = soundfile.read(audio)
+    shuffled = np.concatenate([np.zeros((len(samples), 1)), samples[:, [2, 0, 3, 1]]], axis=1)
+    other, array = tmp_path / "shuffled.wav", tmp_path / "mapped.yaml"
+    soundfile.write(other, shuffled, rate, subtype="FLOAT")
+    MicrophoneArray("mapped", ARRAY.positions_m, channels=(3, 5, 2, 4)).save(array)
+    plain, mapped = tmp_path / "plain.json", tmp_path / "mapped.json"
+    main(arguments(checkpoint, image, audio, plain))
+    main(arguments(checkpoint, image, other, mapped, "--array", str(array)))
+    results = [json.loads(path.read_text()) for path in (plain, mapped)]
+    assert results[0]["mixing_levels"] == results[1]["mixing_levels"]
+    assert results[1]["array"]["channels"] == [3, 5, 2, 4]
 
 
 def test_a_manifest_gives_one_line_per_clip(checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path) -> None:
@@ -180,8 +198,18 @@ def other_places(image: Path, audio: Path) -> list[str]:
     return ["--array", "respeaker4"]
 
 
+def other_kind(image: Path, audio: Path) -> list[str]:
+    return ["--array", "starss23-foa"]
+
+
+def channels_beyond(image: Path, audio: Path) -> list[str]:
+    path = image.with_name("array.yaml")
+    MicrophoneArray(ARRAY.name, ARRAY.positions_m, channels=(1, 2, 3, 9)).save(path)
+    return ["--array", str(path)]
+
+
 def unknown_array(image: Path, audio: Path) -> list[str]:
-    return ["--array", "circle5"]
+    return ["--array", "circle7"]
 
 
 @pytest.mark.parametrize(
@@ -202,7 +230,9 @@ def unknown_array(image: Path, audio: Path) -> list[str]:
         (broken_yaml, "array.yaml: not valid YAML"),
         (other_count, "trained for array 'circle4' with 4 microphones, but 'circle6' has 6"),
         (other_places, "trained for array 'circle4', whose microphone"),
-        (unknown_array, "array 'circle5' is neither a preset"),
+        (other_kind, "trained for array 'circle4' in free field, but 'starss23-foa' hears in first-order ambisonics"),
+        (channels_beyond, "clip.wav: 4 channel(s), but microphone 4 of array 'circle4' is on channel 9"),
+        (unknown_array, "array 'circle7' is neither a preset"),
     ],
 )
 def test_bad_input_gets_one_sentence_and_leaves_nothing(

@@ -1,13 +1,16 @@
 import numpy as np
 import pytest
 import torch
+from pyroomacoustics.doa import SRP
 
+from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.acoustics.steering_kinds import MeasuredKind
 from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.data.clip import CLIP_SAMPLES, SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.baselines import default_baselines, subspace_sources
+from avssl_pyro.evaluation.baselines import DoaBaseline, default_baselines, subspace_sources
 from avssl_pyro.evaluation.peaks import PeakSetting
 
 GRID = DirectionGrid()
@@ -92,3 +95,29 @@ def test_channels_must_match_the_array():
 def test_the_signal_subspace_has_the_size_the_paper_used():
     sizes = [subspace_sources(PRESETS[name]) for name in ("circle2", "circle4", "circle6", "circle246")]
     assert sizes == [1, 2, 3, 3]
+
+
+@pytest.fixture(params=["starss23-mic", "starss23-foa", "measured"])
+def other_kind(request, write_sofa):
+    if request.param != "measured":
+        return PRESETS[request.param]
+    sofa = write_sofa(PRESETS["circle4"], np.rad2deg(GRID.azimuths))
+    return MicrophoneArray("measured", steering=MeasuredKind.read(sofa))
+
+
+def test_every_kind_of_array_is_searched_by_its_own_steering_vectors(other_kind):
+    rng = np.random.default_rng(0)
+    num_samples, direction = 4096, 50
+    a_fdm = other_kind.steering_vectors(GRID, np.fft.rfftfreq(num_samples, 1 / SAMPLE_RATE)).numpy()
+    audio_mn = np.fft.irfft(np.fft.rfft(rng.standard_normal(num_samples)) * a_fdm[:, direction].T)
+    audio_mn += 0.03 * rng.standard_normal(audio_mn.shape)
+    clip = Clip("white", (0.1 * audio_mn).astype(np.float32), IMAGE)
+    baselines = default_baselines(other_kind, GRID)
+    assert len(baselines) == (2 if other_kind.name == "starss23-foa" else 3)
+    for baseline in baselines:
+        assert abs(int(baseline.observe(clip).argmax()) - direction) <= 1, baseline.name
+
+
+def test_srp_phat_of_ambisonics_is_refused():
+    with pytest.raises(InputError, match=r"srp needs delays .* 'starss23-foa' hears in first-order .* use MUSIC"):
+        DoaBaseline("srp", SRP, PRESETS["starss23-foa"], GRID)

@@ -12,6 +12,7 @@ from torch import Tensor
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
+from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
@@ -21,7 +22,8 @@ from avssl_pyro.networks.visual import VisualNet
 B, D, K, T = 3, 24, 3, 40
 FREQUENCIES = np.linspace(250.0, 4000.0, 16)
 STEERING_FDM = FreeField(PRESETS["circle4"])(DirectionGrid(D), FREQUENCIES).to(torch.complex64)
-WHOLE = RefinementConfig(bin_step=1, frame_step=1)
+WHOLE = RefinementConfig(softening=1.0)
+THINNED = RefinementConfig(softening=1.0, bin_step=2, frame_step=2)
 TRUE_DIRECTIONS = (3, 14)
 
 
@@ -73,19 +75,19 @@ def test_sites_and_shapes_are_those_of_every_guide(start: AmortizedGuide, data: 
     assert {name for name in trace.stochastic_nodes if name != "clip"} == {"direction_weights", "mixing_levels"}
 
 
-def test_the_shipped_thinning_finds_the_same_sources_and_levels(
+def test_a_quarter_of_the_bins_finds_the_same_sources_and_levels(
     start: AmortizedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
     whole, thinned = (
         RefinedGuide(start, STEERING_FDM, config).parameters_of(*data)
-        for config in (replace(WHOLE, rounds=60), RefinementConfig(rounds=60))
+        for config in (replace(WHOLE, rounds=60), replace(THINNED, rounds=60))
     )
     assert thinned.concentration_bk.sum(-1).numpy() == pytest.approx(whole.concentration_bk.sum(-1).numpy(), rel=1e-3)
     for parameters in (whole, thinned):
         loud = parameters.concentration_bk.topk(2, dim=-1).indices
         peaks = parameters.mu_bkd.argmax(-1).gather(-1, loud).sort(-1).values
         assert peaks.float().numpy() == pytest.approx(np.array([TRUE_DIRECTIONS] * B), abs=1)
-    assert mean_loss(RefinedGuide(start, STEERING_FDM, RefinementConfig()), data) < mean_loss(start, data)
+    assert mean_loss(RefinedGuide(start, STEERING_FDM, THINNED), data) < mean_loss(start, data)
 
 
 def test_a_clip_does_not_depend_on_its_batch(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
@@ -117,6 +119,23 @@ def test_the_picture_pulls_as_hard_as_told(start: AmortizedGuide, data: tuple[Te
         distances.append((offset_bkd - offset_bkd.mean(-1, keepdim=True)).square().mean().item())
     assert distances[2] < distances[1] < distances[0]
     assert distances[2] < 0.05
+
+
+def test_a_softened_start_is_the_networks_own_with_less_conviction(
+    start: AmortizedGuide, data: tuple[Tensor, Tensor]
+) -> None:
+    """With a prior that holds on to the softened start there is nothing else to see of it."""
+    mu_bkd = start.parameters_of(*data).mu_bkd
+    config = replace(WHOLE, softening=0.25, image_weight=0.25, prior_sigma=1e-3, rounds=2)
+    refined_bkd = RefinedGuide(start, STEERING_FDM, config).parameters_of(*data).mu_bkd
+    difference_bkd = refined_bkd - 0.25 * mu_bkd
+    assert (difference_bkd - difference_bkd.mean(-1, keepdim=True)).abs().max() < 0.01
+
+
+@pytest.mark.parametrize("name", ["rounds", "bin_step", "frame_step"])
+def test_a_setting_of_zero_is_refused_in_a_sentence(name: str) -> None:
+    with pytest.raises(InputError, match=f"{name} is 0; it must be at least 1"):
+        RefinementConfig(**{name: 0})
 
 
 def test_silence_stays_finite(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:

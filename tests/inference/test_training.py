@@ -19,6 +19,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.inference.refined_targets import TargetConfig
 from avssl_pyro.inference.reporting import read_log
 from avssl_pyro.inference.system import GuideConfig, System, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingTraceELBO
@@ -73,6 +74,28 @@ def test_a_resumed_run_gives_the_numbers_of_an_uninterrupted_one(dataset: SceneD
     for name, value in whole.state_dict().items():
         assert torch.equal(value, parts.state_dict()[name]), name
     assert without_speed(read_log(tmp_path / "whole")) == without_speed(read_log(tmp_path / "parts"))
+
+
+def test_refined_targets_are_logged_and_resumed_exactly(dataset: SceneDataset, tmp_path: Path) -> None:
+    targets = TargetConfig(weight=0.1, rounds=2, warmup=0.3)
+    whole, parts = small_system(), small_system()
+    train(whole, dataset, CONFIG, tmp_path / "whole", fabric(), targets=targets)
+    for stop_after in (3, None):
+        train(parts, dataset, CONFIG, tmp_path / "parts", fabric(), targets=targets, stop_after=stop_after)
+    assert all(torch.equal(value, parts.state_dict()[name]) for name, value in whole.state_dict().items())
+    assert read_log(tmp_path / "whole")[-1]["target_cross_entropy"] > 0
+    plain = small_system()
+    train(plain, dataset, CONFIG, tmp_path / "plain", fabric())
+    assert not torch.equal(plain.guide.log_sigma_k, whole.guide.log_sigma_k)
+
+
+def test_a_frozen_visual_network_stays_as_it_is_while_the_rest_learns(dataset: SceneDataset, tmp_path: Path) -> None:
+    system = small_system()
+    before = {name: value.clone() for name, value in system.state_dict().items()}
+    train(system, dataset, replace(CONFIG, freeze_visual=True), tmp_path, fabric())
+    for name, value in system.state_dict().items():
+        learns = not name.startswith("guide.visual.")
+        assert torch.equal(value, before[name]) != learns, name
 
 
 def test_the_number_of_reading_workers_changes_nothing(dataset: SceneDataset, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from avssl_pyro.networks.azimuth_view import AzimuthView
 from avssl_pyro.networks.visual import VisualNet, _WrapAzimuth
 
 
@@ -21,13 +22,14 @@ def test_shapes(num_directions: int, circular: bool, position_channels: bool) ->
     net = network(num_sources=3, num_directions=num_directions, circular=circular, position_channels=position_channels)
     mu_bkd, activation_bkij = net(image(2))
     assert mu_bkd.shape == (2, 3, num_directions)
-    assert activation_bkij.shape == (2, 3, 44, 144)
+    assert activation_bkij.shape == (2, 3, 22, 72)
 
 
-def test_log_weights_are_the_column_maxima_of_the_averaged_activation() -> None:
+@pytest.mark.parametrize("anchor_gain", [0.0, 2.0])
+def test_log_weights_are_the_column_maxima_of_the_averaged_activation(anchor_gain: float) -> None:
     """What the overlay shows is what the directions were made from."""
-    mu_bkd, activation_bkij = network(num_directions=36)(image())
-    expected = activation_bkij.reshape(1, 4, 44, 36, 4).mean(-1).amax(-2)
+    mu_bkd, activation_bkij = network(num_directions=36, anchor_gain=anchor_gain)(image())
+    expected = activation_bkij.reshape(1, 4, 22, 36, 2).mean(-1).amax(-2)
     torch.testing.assert_close(mu_bkd, expected)
 
 
@@ -37,7 +39,7 @@ def test_circular_network_sees_no_seam(blocks: int) -> None:
     mu_bkd, activation_bkij = net(image())
     turned_mu, turned_activation = net(image().roll(16 * blocks, dims=-1))
     torch.testing.assert_close(turned_mu, mu_bkd.roll(4 * blocks, dims=-1))
-    torch.testing.assert_close(turned_activation, activation_bkij.roll(8 * blocks, dims=-1))
+    torch.testing.assert_close(turned_activation, activation_bkij.roll(4 * blocks, dims=-1))
 
 
 def test_zero_padding_does_see_the_seam() -> None:
@@ -78,8 +80,36 @@ def test_only_position_channels_tell_directions_of_a_uniform_image_apart() -> No
     assert (with_position - with_position.roll(4, dims=-1)).abs().max() > 1e-4
 
 
+def test_anchors_give_every_class_a_sector_of_its_own() -> None:
+    """Class k is drawn to the k-th of K equal blocks of the image, whatever the picture."""
+    blank = torch.full((1, 3, 88, 288), 0.5, dtype=torch.float64)
+    mu_bkd, _ = network(num_sources=4, anchor_gain=50.0, position_channels=False)(blank)
+    # The centre of a block lies between two directions.
+    for k, peak in enumerate(mu_bkd[0].argmax(-1).tolist()):
+        assert peak - (18 * k + 8.5) == pytest.approx(0, abs=4)
+
+
+def test_views_are_drawn_in_training_only_and_their_answer_is_turned_back() -> None:
+    net = network(augment=True, dropout=0.0)
+    looked_at: list[Tensor] = []
+    net.down[0].register_forward_pre_hook(lambda _, inputs: looked_at.append(inputs[0][:, :3]))
+    plain_bkd, _ = net(image(8))
+    assert torch.equal(looked_at.pop(), 2 * image(8) - 1)
+    # The flag alone, so that batch norm keeps to its running statistics.
+    net.training = True
+    torch.manual_seed(3)
+    answer_bkd, _ = net(image(8))
+    (seen,) = looked_at
+    torch.manual_seed(3)
+    view = AzimuthView.draw(8, 72, seen.device)
+    torch.testing.assert_close(seen, view.apply(2 * image(8) - 1))
+    net.training = False
+    torch.testing.assert_close(answer_bkd, view.undo(net(view.apply(image(8)))[0]))
+    assert not torch.equal(answer_bkd, plain_bkd)
+
+
 def test_every_parameter_learns() -> None:
-    net = network().train()
+    net = network(anchor_gain=1.0, augment=True).train()
     mu_bkd, _ = net(image(2))
     (mu_bkd * torch.randn_like(mu_bkd)).sum().backward()
     for name, parameter in net.named_parameters():

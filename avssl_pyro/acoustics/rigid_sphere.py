@@ -1,0 +1,75 @@
+"""Microphones on the surface of a rigid sphere, which scatters the sound that reaches them."""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+import scipy.special
+from torch import Tensor
+
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.acoustics.steering import ArrayGeometry, normalized
+
+# Below, the response is that of first order to all digits, while Hankel functions overflow.
+TINY_KA = 1e-8
+# i^(n - 1) for n modulo 4.
+_TURNS = np.array([-1j, 1.0, 1j, -1.0])
+
+
+def sphere_response(ka_f: npt.NDArray[np.float64], cosine: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
+    """Pressure on a rigid sphere in a plane wave of unit pressure, relative to that at its absent centre.
+
+    H = 1/(ka)^2 sum_n i^(n-1) (2n+1) P_n(cos gamma) / h_n'(ka), with the spherical Hankel function of the second kind,
+    for waves exp(+j omega t) (e.g. Rafaely, Fundamentals of Spherical Array Processing). Its limit at ka = 0 is 1; at
+    small ka it is 1 + 1.5 j ka cos gamma, half as much phase again as in the free field.
+
+    Args:
+        ka_f: wave number times radius, (F,), not negative.
+        cosine: of the angle between microphone and source seen from the centre, any shape.
+
+    Returns:
+        complex128, (F,) + the shape of ``cosine``.
+    """
+    # Terms fall as (ka)^n / (2n - 1)!!; so many leave nothing above rounding.
+    n = np.arange(math.ceil(2 * ka_f.max(initial=0.0)) + 16)
+    tiny_f = ka_f < TINY_KA
+    ka_f1 = np.where(tiny_f, 1.0, ka_f)[:, None]
+    with np.errstate(all="ignore"):
+        slope_fn = scipy.special.spherical_jn(n, ka_f1, derivative=True) - 1j * scipy.special.spherical_yn(
+            n, ka_f1, derivative=True
+        )
+        term_fn = _TURNS[n % 4] * (2 * n + 1) / (ka_f1**2 * slope_fn)
+    # Where h_n' overflows, its term is nothing.
+    term_fn = np.where(np.isfinite(slope_fn) & np.isfinite(term_fn), term_fn, 0.0)
+    legendre_n = scipy.special.eval_legendre(n.reshape(-1, *(1,) * cosine.ndim), cosine)
+    response = np.tensordot(term_fn, legendre_n, axes=1)
+    per_frequency = (-1, *(1,) * cosine.ndim)
+    first_order = 1 + 1.5j * ka_f.reshape(per_frequency) * cosine
+    return np.where(tiny_f.reshape(per_frequency), first_order, response)
+
+
+class RigidSphere:
+    """Plane waves scattered by a rigid sphere on whose surface the microphones lie.
+
+    Args:
+        array: the microphones; each is taken to lie on the sphere in its direction from the centre.
+        radius_m: of the sphere, metres.
+        centre_m: of the sphere, in the array's coordinates, metres.
+    """
+
+    def __init__(
+        self, array: ArrayGeometry, radius_m: float, centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> None:
+        self.array = array
+        self.radius_m = radius_m
+        self.centre_m = centre_m
+
+    def __call__(self, grid: DirectionGrid, frequencies_hz: npt.NDArray[np.float64]) -> Tensor:
+        centre = np.array(self.centre_m)
+        offset_mx = self.array.positions - centre
+        outward_mx = offset_mx / np.linalg.norm(offset_mx, axis=-1, keepdims=True)
+        wave_number_f = 2 * np.pi * frequencies_hz / self.array.speed_of_sound
+        cosine_dm = grid.unit_vectors @ outward_mx.T
+        phase_fd = wave_number_f[:, None] * (grid.unit_vectors @ centre)
+        response_fdm = sphere_response(wave_number_f * self.radius_m, cosine_dm)
+        return normalized(response_fdm * np.exp(1j * phase_fd)[..., None])

@@ -1,0 +1,261 @@
+"""The kinds of steering an array's file may name, and their parameters."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from avssl_pyro.acoustics.ambisonics import CHANNEL_ORDERS, NORMALIZATIONS, FirstOrderAmbisonics
+from avssl_pyro.acoustics.measured import MeasuredResponses
+from avssl_pyro.acoustics.rigid_sphere import RigidSphere
+from avssl_pyro.acoustics.sofa import read_sofa
+from avssl_pyro.acoustics.steering import ArrayGeometry, FreeField, SteeringKind, SteeringModel
+from avssl_pyro.errors import InputError
+
+# Positions in whole millimetres may miss the sphere by this.
+ON_SPHERE_M = 2e-3
+MAX_SPHERE_RADIUS_M = 1.0
+
+
+@dataclass(frozen=True)
+class FreeFieldKind:
+    """Microphones that nothing stands between; see :class:`avssl_pyro.acoustics.steering.FreeField`."""
+
+    kind: ClassVar[str] = "free-field"
+    has_delays: ClassVar[bool] = True
+    num_microphones: ClassVar[None] = None
+    phrase: ClassVar[str] = "in free field"
+
+    def check(self, array: ArrayGeometry) -> None:
+        """Any positions will do."""
+
+    def model(self, array: ArrayGeometry) -> SteeringModel:
+        return FreeField(array)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"kind": self.kind}
+
+
+@dataclass(frozen=True)
+class RigidSphereKind:
+    """Microphones on a rigid sphere; see :class:`avssl_pyro.acoustics.rigid_sphere.RigidSphere`.
+
+    Args:
+        radius_m: metres.
+        centre_m: of the sphere, in the array's coordinates, metres.
+
+    Raises:
+        InputError: the radius is not positive or above 1 m.
+    """
+
+    kind: ClassVar[str] = "rigid-sphere"
+    has_delays: ClassVar[bool] = True
+    num_microphones: ClassVar[None] = None
+
+    radius_m: float
+    centre_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.radius_m <= MAX_SPHERE_RADIUS_M:
+            raise InputError(
+                f"steering: a sphere of radius_m {self.radius_m:g} cannot be; "
+                f"give metres, up to {MAX_SPHERE_RADIUS_M:g}."
+            )
+
+    @property
+    def phrase(self) -> str:
+        centre = ", ".join(f"{value:g}" for value in self.centre_m)
+        return f"on a rigid sphere of radius {self.radius_m:g} m around ({centre})"
+
+    def check(self, array: ArrayGeometry) -> None:
+        distance_m = np.linalg.norm(array.positions - np.array(self.centre_m), axis=-1)
+        for microphone, distance in enumerate(distance_m, start=1):
+            if not abs(distance - self.radius_m) <= ON_SPHERE_M:
+                raise InputError(
+                    f"array '{array.name}': microphone {microphone} is {100 * distance:.4g} cm from the centre of the "
+                    f"rigid sphere, whose radius is {100 * self.radius_m:.4g} cm; it must lie on the surface."
+                )
+
+    def model(self, array: ArrayGeometry) -> SteeringModel:
+        return RigidSphere(array, self.radius_m, self.centre_m)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"kind": self.kind, "radius_m": self.radius_m, "centre_m": list(self.centre_m)}
+
+
+@dataclass(frozen=True)
+class AmbisonicsKind:
+    """Four channels W, X, Y, Z; see :class:`avssl_pyro.acoustics.ambisonics.FirstOrderAmbisonics`.
+
+    Raises:
+        InputError: the order or the normalization is unknown.
+    """
+
+    kind: ClassVar[str] = "first-order-ambisonics"
+    has_delays: ClassVar[bool] = False
+    num_microphones: ClassVar[int] = 4
+
+    order: str = "acn"
+    normalization: str = "sn3d"
+
+    def __post_init__(self) -> None:
+        for name, known in (("order", CHANNEL_ORDERS), ("normalization", NORMALIZATIONS)):
+            if getattr(self, name) not in known:
+                raise InputError(f"steering: {name} is '{getattr(self, name)}'; known are {', '.join(known)}.")
+
+    @property
+    def phrase(self) -> str:
+        return f"in first-order ambisonics ({self.order}, {self.normalization})"
+
+    def check(self, array: ArrayGeometry) -> None:
+        if len(array.positions):
+            raise InputError(
+                f"array '{array.name}': it has positions, but the channels of first-order ambisonics have none; "
+                "leave 'positions_m' out."
+            )
+
+    def model(self, array: ArrayGeometry) -> SteeringModel:  # noqa: ARG002
+        return FirstOrderAmbisonics(self.order, self.normalization)
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"kind": self.kind, "order": self.order, "normalization": self.normalization}
+
+
+@dataclass(frozen=True)
+class MeasuredKind:
+    """Measured responses of a SOFA file; see :class:`avssl_pyro.acoustics.measured.MeasuredResponses`.
+
+    Two are equal when their files hold the same bytes, wherever they lie. The file is read when steering vectors are
+    first asked for, unless its responses are at hand.
+
+    Args:
+        file: the SOFA file.
+        sha256: of the file, hexadecimal.
+        num_microphones: receivers in it.
+        responses: what it holds, if known.
+    """
+
+    kind: ClassVar[str] = "measured"
+    has_delays: ClassVar[bool] = True
+
+    file: Path = field(compare=False)
+    sha256: str
+    num_microphones: int
+    responses: MeasuredResponses | None = field(default=None, compare=False, repr=False)
+
+    @classmethod
+    def read(cls, file: Path) -> "MeasuredKind":
+        """Reads the file; raises InputError as :func:`avssl_pyro.acoustics.sofa.read_sofa` does."""
+        responses = read_sofa(file)
+        return cls(file, hashlib.sha256(file.read_bytes()).hexdigest(), responses.num_microphones, responses)
+
+    @property
+    def phrase(self) -> str:
+        return f"by the measured responses of {self.file.name} (SHA-256 {self.sha256[:8]})"
+
+    def check(self, array: ArrayGeometry) -> None:
+        if len(array.positions) not in {0, self.num_microphones}:
+            raise InputError(
+                f"array '{array.name}': it has {len(array.positions)} positions, but {self.file.name} holds responses "
+                f"of {self.num_microphones} microphones; give as many, or leave 'positions_m' out."
+            )
+
+    def model(self, array: ArrayGeometry) -> SteeringModel:  # noqa: ARG002
+        return self.measured()
+
+    def measured(self) -> MeasuredResponses:
+        """The responses; raises InputError when the file has to be read and is gone, unreadable, or another one."""
+        if self.responses is not None:
+            return self.responses
+        found = MeasuredKind.read(self.file)
+        if found != self:
+            raise InputError(
+                f"{self.file}: not the file that was used before (its SHA-256 begins {found.sha256[:8]} instead of "
+                f"{self.sha256[:8]}); put that one back."
+            )
+        return found.measured()
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind,
+            "file": str(self.file),
+            "sha256": self.sha256,
+            "num_microphones": self.num_microphones,
+        }
+
+
+def steering_from_dict(data: Any, where: str, folder: Path = Path()) -> SteeringKind:
+    """The inverse of ``to_dict`` of the kinds: what stands under ``steering:``.
+
+    Args:
+        data: the mapping.
+        where: names the source in messages.
+        folder: what a relative ``file`` is relative to.
+
+    Raises:
+        InputError: the kind or a parameter is missing, unknown, or wrong.
+    """
+    kind = data.get("kind") if isinstance(data, dict) else None
+    if not isinstance(kind, str) or kind not in _PARSERS:
+        raise InputError(
+            f"{where}: 'steering' must be a mapping with a kind of {', '.join(_PARSERS)}; found {_short(data)}."
+        )
+    known, parse = _PARSERS[kind]
+    unknown = [str(name) for name in data if name not in {"kind", *known}]
+    if unknown:
+        raise InputError(
+            f"{where}: unknown key '{min(unknown)}' under 'steering'; {kind} knows {', '.join(known) or 'no other'}."
+        )
+    try:
+        return parse(data, folder)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
+
+
+def _free_field(_data: dict[str, Any], _folder: Path) -> SteeringKind:
+    return FreeFieldKind()
+
+
+def _rigid_sphere(data: dict[str, Any], _folder: Path) -> SteeringKind:
+    centre = data.get("centre_m", (0.0, 0.0, 0.0))
+    if "radius_m" not in data:
+        raise InputError("steering: 'radius_m' is missing; give the radius of the rigid sphere in metres.")
+    if not isinstance(centre, list | tuple) or len(centre) != 3:
+        raise InputError(f"steering: 'centre_m' must be [x, y, z] in metres; found {_short(centre)}.")
+    try:
+        radius_m, (x, y, z) = float(data["radius_m"]), map(float, centre)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise InputError(f"steering: radius_m and centre_m must be numbers ({error}).") from error
+    return RigidSphereKind(radius_m, (x, y, z))
+
+
+def _ambisonics(data: dict[str, Any], _folder: Path) -> SteeringKind:
+    return AmbisonicsKind(**{name: str(data[name]) for name in ("order", "normalization") if name in data})
+
+
+def _measured(data: dict[str, Any], folder: Path) -> SteeringKind:
+    file = data.get("file")
+    if not isinstance(file, str) or not file:
+        raise InputError("steering: 'file' is missing; name the SOFA file, relative to this one.")
+    path = (folder / file).resolve()
+    sha256, num_microphones = data.get("sha256"), data.get("num_microphones")
+    if isinstance(sha256, str) and isinstance(num_microphones, int):
+        return MeasuredKind(path, sha256, num_microphones)
+    return MeasuredKind.read(path)
+
+
+# Known parameters and the reader of each kind.
+_PARSERS: dict[str, tuple[tuple[str, ...], Callable[[dict[str, Any], Path], SteeringKind]]] = {
+    FreeFieldKind.kind: ((), _free_field),
+    RigidSphereKind.kind: (("radius_m", "centre_m"), _rigid_sphere),
+    AmbisonicsKind.kind: (("order", "normalization"), _ambisonics),
+    MeasuredKind.kind: (("file", "sha256", "num_microphones"), _measured),
+}
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,179 @@
+"""Checks a recording against its array and its camera before anything is trained on it."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tyro
+from tqdm import tqdm
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.cli.localize import check_array
+from avssl_pyro.data.clip import SAMPLE_RATE, Clip
+from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.data.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
+from avssl_pyro.data.files import check_channels, read_image
+from avssl_pyro.data.recording import AudioFile, Recording, VideoFile
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.inference.diagnosis.camera import check_camera
+from avssl_pyro.inference.diagnosis.durations import check_durations
+from avssl_pyro.inference.diagnosis.examination import examine
+from avssl_pyro.inference.diagnosis.finding import Finding, Severity
+from avssl_pyro.inference.diagnosis.lag import check_lag, picture_change, sound_energy
+from avssl_pyro.inference.system import System
+
+EXIT_FINDINGS = 1
+FORMAT = "avssl-diagnosis/1"
+# Sound and picture are compared over this much of a recording; its frames are looked at this small.
+LAG_SECONDS = 60.0
+LAG_PICTURE = (96, 48)
+
+
+@dataclass(frozen=True)
+class DoctorOptions:
+    """Check a recording against its array, and with a model against its camera; exit code 1 if something is wrong."""
+
+    audio: Path | None = None
+    """WAV or FLAC of any rate and length, one channel per microphone."""
+    video: Path | None = None
+    """The 360-degree video taken with it."""
+    image: Path | None = None
+    """Instead of a video: one equirectangular image of the whole recording."""
+    data: Path | None = None
+    """Instead of files: a folder of shards."""
+    array: str | None = None
+    """Preset or YAML file of the array; by default that of --data or --checkpoint."""
+    checkpoint: Path | None = None
+    """Checkpoint of svi_train.py: finds out how the camera is turned against the array and whether it is mirrored."""
+    offset_s: float = 0.0
+    """Audio time minus video time of the same moment, as far as known."""
+    yaw_deg: float = 0.0
+    """Azimuth, seen from the array, of what the centre of the picture shows, as far as known."""
+    mirror: bool = False
+    """The picture is known to show left and right exchanged."""
+    json: bool = False
+    """Print JSON instead of lines."""
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Runs the command with ``args`` (by default those of the process).
+
+    Returns:
+        0 if there is no finding worse than a note, otherwise 1.
+
+    Raises:
+        InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
+    """
+    options = tyro.cli(DoctorOptions, args=args)
+    system = None if options.checkpoint is None else load_checkpoint(options.checkpoint)
+    if options.data is not None:
+        if options.audio or options.video or options.image:
+            raise InputError("give either --data or files, not both.")
+        findings = _examine_shards(options.data, options, system)
+    elif options.audio is not None:
+        findings = _examine_files(options.audio, options, system)
+    else:
+        raise InputError("give --audio FILE or --data FOLDER.")
+    print(_json(options, findings) if options.json else "\n".join(map(_line, findings)))
+    return EXIT_FINDINGS if any(finding.severity >= Severity.WARNING for finding in findings) else 0
+
+
+def _examine_shards(folder: Path, options: DoctorOptions, system: System | None) -> tuple[Finding, ...]:
+    wanted = None if options.array is None else resolve_array(options.array)
+    dataset = SceneDataset(folder, wanted)
+    clips = [dataset[index] for index in evenly(len(dataset), MOST_EXCERPTS)]
+    findings = examine(Excerpts.of_clips(clips), dataset.array)
+    return (*findings, *_camera(options, system, dataset.array, clips))
+
+
+def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -> tuple[Finding, ...]:
+    if options.video is not None and options.image is not None:
+        raise InputError("give either --video or --image, not both.")
+    array = _array(options, system)
+    video = None if options.video is None else VideoFile(options.video)
+    file = AudioFile(audio)
+    check_channels(file.num_channels, array, str(audio))
+    recording = Recording(
+        audio.stem,
+        file,
+        video,
+        options.offset_s,
+        options.yaw_deg,
+        options.mirror,
+        channels=array.channel_indices,
+    )
+    findings = examine(read_excerpts(audio).select(array.channel_indices), array)
+    if video is not None:
+        findings += check_durations(recording.audio.duration_s, recording.audio.sample_rate, video.duration_s)
+        findings += _lag(recording, video)
+    if system is not None and (video is not None or options.image is not None):
+        findings += _camera(options, system, array, _clips(recording, options.image))
+    return findings
+
+
+def _array(options: DoctorOptions, system: System | None) -> MicrophoneArray:
+    if options.array is not None:
+        return resolve_array(options.array)
+    if system is None:
+        raise InputError("give --array, a preset or YAML file, or a checkpoint that knows its own.")
+    return system.config.array
+
+
+def _camera(
+    options: DoctorOptions, system: System | None, array: MicrophoneArray, clips: Sequence[Clip]
+) -> tuple[Finding, ...]:
+    if system is None:
+        return ()
+    check_array(system, array, str(options.checkpoint))
+    return check_camera(system, clips, progress=True)
+
+
+def _lag(recording: Recording, video: VideoFile) -> tuple[Finding, ...]:
+    """Compares onsets over the first minute that audio and video have in common."""
+    start_s, seconds = recording.start_s, min(LAG_SECONDS, recording.duration_s)
+    times_s, images = [], []
+    with tqdm(total=round(seconds), unit="s", desc="watching the video") as bar:
+        for time_s, frame_ijc in video:
+            if time_s > start_s + seconds:
+                break
+            bar.update(min(round(time_s - start_s), bar.total) - bar.n)
+            if time_s >= start_s:
+                small = cv2.resize(frame_ijc, LAG_PICTURE, interpolation=cv2.INTER_AREA)
+                times_s.append(time_s - start_s)
+                images.append(small)
+    if len(times_s) < 2:
+        raise InputError(f"{video.path}: fewer than two frames can be read from {start_s:.1f} s on.")
+    change_t = picture_change(np.array(times_s), np.stack(images).astype(np.uint8), seconds)
+    energy_t = sound_energy(recording.audio_at(start_s, seconds), SAMPLE_RATE)
+    return check_lag(energy_t, change_t, recording.offset_s)
+
+
+def _clips(recording: Recording, image: Path | None) -> list[Clip]:
+    starts_s = recording.window_starts(hop_s=1.0)
+    clips = []
+    still_ijc = None if image is None else recording.fit(read_image(image))
+    for start_s in (starts_s[index] for index in evenly(len(starts_s), MOST_EXCERPTS)):
+        image_ijc = still_ijc
+        if recording.video is not None:
+            frame_ijc = recording.video.find_frame(start_s + 0.5)
+            image_ijc = None if frame_ijc is None else recording.fit(frame_ijc)
+        # A gap in the video shows nobody.
+        if image_ijc is not None:
+            clips.append(Clip(recording.key_at(start_s), recording.audio_at(start_s), image_ijc))
+    return clips
+
+
+def _line(finding: Finding) -> str:
+    advice = f" -> {finding.advice}" if finding.advice else ""
+    return f"{finding.severity.word:8}{finding.check}: {finding.message} (sure: {finding.confidence:.0%}){advice}"
+
+
+def _json(options: DoctorOptions, findings: Sequence[Finding]) -> str:
+    source = options.data if options.audio is None else options.audio
+    content = {"format": FORMAT, "source": str(source), "findings": [finding.to_dict() for finding in findings]}
+    return json.dumps(content, indent=1, allow_nan=False)

@@ -1,0 +1,93 @@
+"""Prints what tracking adds to single windows, on simulated talkers who walk, pause and pass each other."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import tyro
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.heard_recordings import HeardRecordings
+from avssl_pyro.evaluation.simulated_detections import DetectorConfig
+from avssl_pyro.evaluation.tracking_experiment import SimulatedRecordings, compare
+from avssl_pyro.evaluation.tracking_metrics import TrackingScores
+from avssl_pyro.guides.blind_start import BlindStart
+from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.system import ModelConfig, SystemConfig, build_system
+from avssl_pyro.inference.tracking import TrackingConfig
+from avssl_pyro.simulation.moving_audio import MovingAudioConfig
+from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig
+
+
+@dataclass(frozen=True)
+class TrackBenchmarkOptions:
+    """Compare tracked sources with single windows on the same simulated detections."""
+
+    recordings: int = 10
+    """Number of recordings."""
+    talkers: MovingTalkersConfig = field(default_factory=MovingTalkersConfig)
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    heard: bool = False
+    """Render the talkers in a room and localize their sound window by window, instead of drawing detections."""
+    array: str = "circle6"
+    """Array that hears them: a preset or a YAML file."""
+    classes: int = 5
+    """Source classes of the model that localizes what is heard, one of them for noise."""
+    audio: MovingAudioConfig = field(default_factory=MovingAudioConfig)
+    tolerance_deg: float = 10.0
+    """Largest error that counts as correct."""
+    lag: int = 3
+    """Windows that live tracking waits for."""
+    seed: int = 0
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Runs the command with ``args`` (by default those of the process)."""
+    options = tyro.cli(TrackBenchmarkOptions, args=args)
+    if options.recordings < 1 or options.talkers.seconds < 2 * options.talkers.step_s:
+        raise InputError(
+            f"--recordings {options.recordings} of {options.talkers.seconds} s: give at least one, of two windows."
+        )
+    source = _heard(options) if options.heard else _simulated(options)
+    recordings = [source.draw(index) for index in tqdm(range(source.count), desc="recordings")]
+    scores = compare(recordings, options.tracking, float(np.deg2rad(options.tolerance_deg)), options.lag)
+    Console().print(_table(scores, options))
+
+
+def _simulated(options: TrackBenchmarkOptions) -> SimulatedRecordings:
+    return SimulatedRecordings(options.talkers, options.detector, options.recordings, options.seed)
+
+
+def _heard(options: TrackBenchmarkOptions) -> HeardRecordings:
+    system = build_system(SystemConfig(resolve_array(options.array), ModelConfig(num_sources=options.classes)))
+    start = BlindStart(options.classes, system.config.grid)
+    localizer = Localizer(system, refinement=RefinementConfig(), start=start)
+    return HeardRecordings(
+        localizer, talkers=options.talkers, audio=options.audio, count=options.recordings, seed=options.seed
+    )
+
+
+def _table(scores: dict[str, TrackingScores], options: TrackBenchmarkOptions) -> Table:
+    title = f"{options.recordings} recordings of {options.talkers.seconds:g} s, tolerance {options.tolerance_deg:g}°"
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    for name in ("sources", "F", "precision", "recall", "error", "switches", "fragments", "MOTA"):
+        table.add_column(name, justify="left" if name == "sources" else "right")
+    for name, row in scores.items():
+        table.add_row(
+            name,
+            f"{row.f_measure:.3f}",
+            f"{row.precision:.3f}",
+            f"{row.recall:.3f}",
+            f"{np.rad2deg(row.localization_error):.2f}°",
+            str(row.switches),
+            str(row.fragments),
+            f"{row.mota:.3f}",
+        )
+    return table

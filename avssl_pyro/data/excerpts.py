@@ -1,0 +1,101 @@
+"""Excerpts of a recording: a few seconds from all over it, enough to judge how it was made."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import soundfile
+from scipy.signal import resample_poly
+
+from avssl_pyro.data.audio_file import check_samples
+from avssl_pyro.data.clip import SAMPLE_RATE, Clip
+from avssl_pyro.data.files import MIN_SECONDS
+from avssl_pyro.errors import InputError
+
+EXCERPT_SECONDS = 1.0
+MOST_EXCERPTS = 60
+
+
+@dataclass(frozen=True)
+class Excerpts:
+    """B stretches of equal length from all over a recording, as the file holds them and as the model hears them.
+
+    Args:
+        raw_bmn: float32 in [-1, 1], (B, M, N), at the file's own rate: resampling rounds off what clipping cut.
+        rate: samples per second of ``raw_bmn``.
+        audio_bmn: float32, (B, M, N'), at 16 kHz.
+        names: the channels' numbers in the file, counted from 0.
+    """
+
+    raw_bmn: npt.NDArray[np.float32]
+    rate: int
+    audio_bmn: npt.NDArray[np.float32]
+    names: tuple[int, ...]
+
+    @property
+    def num_channels(self) -> int:
+        return self.raw_bmn.shape[1]
+
+    def select(self, channels: Sequence[int]) -> "Excerpts":
+        """The given channels (counted from 0), in the given order."""
+        chosen = list(channels)
+        names = tuple(self.names[channel] for channel in chosen)
+        return Excerpts(self.raw_bmn[:, chosen], self.rate, self.audio_bmn[:, chosen], names)
+
+    @classmethod
+    def of_blocks(cls, raw_bmn: npt.NDArray[np.float32], rate: int) -> "Excerpts":
+        """Excerpts of blocks (B, M, N) at ``rate``."""
+        names = tuple(range(raw_bmn.shape[1]))
+        if rate == SAMPLE_RATE:
+            return cls(raw_bmn, rate, raw_bmn, names)
+        divisor = int(np.gcd(rate, SAMPLE_RATE))
+        audio_bmn = resample_poly(raw_bmn, SAMPLE_RATE // divisor, rate // divisor, axis=-1)
+        return cls(raw_bmn, rate, np.ascontiguousarray(audio_bmn, dtype=np.float32), names)
+
+    @classmethod
+    def of_clips(cls, clips: Sequence[Clip]) -> "Excerpts":
+        """Excerpts of clips of one array; the longer ones are cut to the shortest.
+
+        Raises:
+            InputError: there is none.
+        """
+        if not clips:
+            raise InputError("no clip was given; a diagnosis needs at least one.")
+        shortest = min(clip.audio_mn.shape[1] for clip in clips)
+        return cls.of_blocks(np.stack([clip.audio_mn[:, :shortest] for clip in clips]), SAMPLE_RATE)
+
+
+def evenly(total: int, most: int) -> list[int]:
+    """At most ``most`` of ``total`` indices, evenly spread."""
+    count = min(total, most)
+    return [(2 * index + 1) * total // (2 * count) for index in range(count)]
+
+
+def read_excerpts(path: Path, most: int = MOST_EXCERPTS) -> Excerpts:
+    """Reads up to ``most`` seconds, evenly spread over a WAV or FLAC file of any length, rate and channel count.
+
+    Raises:
+        InputError: the file cannot be read, is shorter than 0.1 s or holds samples that are not finite.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such audio file.")
+    try:
+        with soundfile.SoundFile(path) as file:
+            rate, frames = file.samplerate, file.frames
+            if frames < MIN_SECONDS * rate:
+                raise InputError(f"{path}: {frames} samples at {rate} Hz; at least {MIN_SECONDS:g} s are needed.")
+            length = min(frames, round(EXCERPT_SECONDS * rate))
+            blocks = []
+            for index in evenly(frames // length, most):
+                file.seek(index * length)
+                block_nm = file.read(length, dtype="float32", always_2d=True)
+                if len(block_nm) < length:
+                    raise InputError(f"{path}: it ends before its header says; the file is truncated or damaged.")
+                check_samples(block_nm, path, index * length)
+                blocks.append(block_nm.T)
+    except (soundfile.SoundFileError, RuntimeError) as error:
+        raise InputError(f"{path}: cannot be read as audio ({error}); give WAV or FLAC.") from error
+    raw_bmn = np.stack(blocks)
+    return Excerpts.of_blocks(raw_bmn, rate)

@@ -1,0 +1,215 @@
+"""From recordings to shards to train on: the loudest clips, chosen in one pass and cut out in a second.
+
+The choice is kept in ``selection.json``, so that a command that was killed does not listen to everything again; the
+shards are made as simulated ones are (see :mod:`avssl_pyro.data.generation`).
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.data.dcase import DcaseRow, labels_between
+from avssl_pyro.data.generation import SCENES_PER_SHARD, GenerationPlan, generate
+from avssl_pyro.data.manifest import Manifest, first_difference, read_json, to_json
+from avssl_pyro.data.recording import Recording
+from avssl_pyro.data.split import NoSplit, Splitter
+from avssl_pyro.data.survey import Place, Survey, survey
+from avssl_pyro.errors import InputError
+
+SELECTION_NAME = "selection.json"
+MIN_CLIP_S, MAX_CLIP_S = 0.1, 10.0
+
+
+@dataclass(frozen=True)
+class CuttingConfig:
+    """Which clips are cut out.
+
+    Args:
+        clip_s: length of a clip.
+        hop_s: from the beginning of a clip to that of the next.
+        loudest: how many clips to keep, over all recordings; None keeps all.
+    """
+
+    clip_s: float = 1.0
+    hop_s: float = 1.0
+    loudest: int | None = 5000
+
+    def __post_init__(self) -> None:
+        if not MIN_CLIP_S <= self.clip_s <= MAX_CLIP_S:
+            raise InputError(f"clips of {self.clip_s:g} s; give {MIN_CLIP_S:g} to {MAX_CLIP_S:g} s.")
+        if not 0.0 < self.hop_s < float("inf"):
+            raise InputError(f"a clip every {self.hop_s:g} s is impossible; give a positive number of seconds.")
+        if self.loudest is not None and self.loudest < 1:
+            raise InputError(f"the {self.loudest} loudest clips; give a number of at least 1.")
+
+
+@dataclass(frozen=True)
+class CutClip:
+    """A clip with what is known of it; labels only where the recording has some."""
+
+    clip: Clip
+    labels: SceneLabels | None
+    facts: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ClipCutter:
+    """Cuts clip after clip out of recordings; picklable.
+
+    Args:
+        recordings: with names of their own, see :func:`unique_names`.
+        labels: of each recording, None where there are none; by default none at all.
+        places: the clips, by recording and time, so that files are read forward.
+        clip_s: their length.
+    """
+
+    recordings: tuple[Recording, ...]
+    labels: tuple[tuple[DcaseRow, ...] | None, ...]
+    places: tuple[Place, ...]
+    clip_s: float
+
+    def render(self, index: int) -> CutClip:
+        """Raises InputError when a file is damaged there; it is named."""
+        place = self.places[index]
+        recording, rows = self.recordings[place.recording], self.labels[place.recording]
+        # Labels go by the audio's clock.
+        labels = None if rows is None else labels_between(rows, place.start_s + recording.offset_s, self.clip_s)
+        facts = {"recording": recording.name, "start_s": place.start_s, "rms": place.rms}
+        return CutClip(recording.clip_at(place.start_s, self.clip_s), labels, facts)
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What came of it: a manifest per folder, and sentences on what was left out."""
+
+    manifests: dict[Path, Manifest]
+    remarks: tuple[str, ...]
+
+
+def check_recordings(recordings: Sequence[Recording], array: MicrophoneArray) -> None:
+    """Looks at the first picture and at the channels of every recording, before anything takes long.
+
+    Raises:
+        InputError: a recording has another number of channels than ``array``, or its picture is none of 360 degrees.
+    """
+    for recording in recordings:
+        if recording.num_channels != array.num_microphones:
+            raise InputError(
+                f"{recording.audio.path}: {recording.num_channels} channel(s), but array '{array.name}' has "
+                f"{array.num_microphones} microphones; give a recording of that array, or say which channels are its."
+            )
+        if recording.video is not None:
+            for _, frame_ijc in recording.video:
+                recording.fit(frame_ijc)
+                break
+            else:
+                raise InputError(f"{recording.video.path}: no frame of it can be decoded; export the video again.")
+
+
+def prepare(
+    folder: Path,
+    recordings: tuple[Recording, ...],
+    array: MicrophoneArray,
+    cutting: CuttingConfig,
+    splitter: Splitter | None = None,
+    labels: tuple[tuple[DcaseRow, ...] | None, ...] | None = None,
+    scenes_per_shard: int = SCENES_PER_SHARD,
+    workers: int | None = None,
+    progress: bool = True,
+) -> Prepared:
+    """Makes, or completes, a data set of the loudest clips; ``SceneDataset(folder)`` reads it.
+
+    Args:
+        folder: where; with a splitter that divides, its sub-folders ``train`` and ``validation``.
+        recordings: with names of their own, see :func:`unique_names`.
+        array: that made them.
+        cutting: which clips.
+        splitter: how clips are kept aside for validation; by default none are.
+        labels: of each recording, stored with the clips for evaluation.
+        scenes_per_shard: clips per tar file.
+        workers: processes, see :func:`generate`.
+        progress: show bars.
+
+    Raises:
+        InputError: see :func:`check_recordings` and :func:`survey`; or the folder holds other clips.
+        OSError: no space, no permission; what is finished stays, nothing half-written does.
+    """
+    check_recordings(recordings, array)
+    splitter = splitter or NoSplit()
+    configuration = {
+        "recordings": [_identity(recording) for recording in recordings],
+        "cutting": asdict(cutting),
+        "split": {"by": type(splitter).__name__} | vars(splitter),
+        "labels": labels is not None,
+    }
+    found = _surveyed(folder, configuration, recordings, cutting, progress)
+    parts = splitter.split(found.loudest(cutting.loudest), recordings, cutting.clip_s)
+    manifests = {}
+    for name, places in parts.items():
+        cutter = ClipCutter(recordings, labels or (None,) * len(recordings), places, cutting.clip_s)
+        part = configuration | {"part": name}
+        plan = GenerationPlan(folder / name, cutter, part, 0, array, len(places), scenes_per_shard, "cutting clips")
+        manifests[plan.folder] = generate(plan, workers, progress)
+    return Prepared(manifests, found.remarks)
+
+
+def _surveyed(
+    folder: Path,
+    configuration: dict[str, Any],
+    recordings: tuple[Recording, ...],
+    cutting: CuttingConfig,
+    progress: bool,
+) -> Survey:
+    """The survey that was kept in ``folder``, or a new one, which is kept there."""
+    path = folder / SELECTION_NAME
+    # Through JSON and back, so that tuples compare equal to the lists a file gives.
+    wanted = _json_values(configuration)
+    if path.exists():
+        stored = read_json(path)
+        try:
+            difference = first_difference(stored["configuration"], wanted)
+            kept = Survey(tuple(Place(*place) for place in stored["places"]), tuple(stored["remarks"]))
+        except (TypeError, KeyError) as error:
+            raise InputError(f"{path}: damaged ({type(error).__name__}: {error}); use another folder.") from error
+        if difference is not None:
+            field, old, new = difference
+            raise InputError(
+                f"{folder} holds clips cut with {field} = {old!r}, not {new!r}; "
+                "use the same settings or another folder."
+            )
+        return kept
+    found = survey(recordings, cutting.hop_s, cutting.clip_s, progress)
+    kept = Survey(found.loudest(cutting.loudest), found.remarks)
+    folder.mkdir(parents=True, exist_ok=True)
+    content = {
+        "configuration": wanted,
+        "remarks": list(kept.remarks),
+        "places": [[place.recording, place.start_s, place.rms] for place in kept.places],
+    }
+    write_atomically(path, to_json(content))
+    return kept
+
+
+def _json_values(data: dict[str, Any]) -> dict[str, Any]:
+    """What a JSON file would give back."""
+    return json.loads(to_json(data))
+
+
+def _identity(recording: Recording) -> dict[str, Any]:
+    """What the manifest says of a recording; files by name and size, so that they may lie in another place."""
+    video = recording.video
+    return {
+        "name": recording.name,
+        "audio": [recording.audio.path.name, recording.audio.path.stat().st_size],
+        "video": None if video is None else [video.path.name, video.path.stat().st_size],
+        "offset_s": recording.offset_s,
+        "yaw_deg": recording.yaw_deg,
+        "mirror": recording.mirror,
+        "elevation_range_deg": recording.elevation_range_deg,
+        "channels": recording.channels,
+    }

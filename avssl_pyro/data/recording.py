@@ -1,0 +1,216 @@
+"""Audio of an array and 360-degree video taken together, as clips of any moment."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.data.audio_file import AudioFile
+from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS, SAMPLE_RATE, Clip
+from avssl_pyro.data.files import fit_image
+from avssl_pyro.data.video_file import VideoFile
+from avssl_pyro.errors import InputError
+
+__all__ = ["AudioFile", "Recording", "VideoFile"]
+
+_BLOCK_SECONDS = 4.0
+_GREY = 128
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording of any length. All its times are the video's, in seconds (the audio's, where there is no video).
+
+    Args:
+        name: appears in the names of its clips.
+        audio: of the array.
+        video: equirectangular; None gives clips with a plain grey image, which shows nothing.
+        offset_s: audio time minus video time of the same moment; positive when the audio began first.
+        yaw_deg: azimuth, seen from the array, of what the centre column of the picture shows; +90 is left.
+        mirror: the picture shows left and right exchanged; it is mirrored back before it is turned.
+        elevation_range_deg: lowest and highest elevation in the picture, where it is no full sphere twice as wide as
+            high (nor has the proportions of a clip's image, -55 to 55 degrees).
+        channels: of the audio file, counted from 0, in the order of the microphones; by default all of them.
+
+    Raises:
+        InputError: audio and video do not overlap in time, a channel does not exist, or the elevations are no range.
+    """
+
+    name: str
+    audio: AudioFile
+    video: VideoFile | None = None
+    offset_s: float = 0.0
+    yaw_deg: float = 0.0
+    mirror: bool = False
+    elevation_range_deg: tuple[float, float] | None = None
+    channels: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for channel in self.channels or ():
+            if not 0 <= channel < self.audio.num_channels:
+                raise InputError(
+                    f"{self.audio.path}: channel {channel} does not exist; the file has channels 0 to "
+                    f"{self.audio.num_channels - 1}."
+                )
+        if self.elevation_range_deg is not None:
+            low, high = self.elevation_range_deg
+            if not -90.0 <= low < high <= 90.0:
+                raise InputError(
+                    f"recording '{self.name}': elevations {low:g} to {high:g} degrees are no range; give the lowest "
+                    "and the highest elevation of the picture, between -90 and 90."
+                )
+        if self.video is not None and self.duration_s <= 0.0:
+            raise InputError(
+                f"recording '{self.name}': audio ({self.audio.duration_s:.2f} s) and video ({self.video.duration_s:.2f}"
+                f" s) have no moment in common at an offset of {self.offset_s:g} s; check the offset."
+            )
+
+    @property
+    def key(self) -> str:
+        """The name as clips may have it: letters, digits, '-' and '_'."""
+        return re.sub(r"[^A-Za-z0-9_-]+", "_", self.name)
+
+    @property
+    def num_channels(self) -> int:
+        return self.audio.num_channels if self.channels is None else len(self.channels)
+
+    @property
+    def start_s(self) -> float:
+        """Where the common stretch of audio and video begins."""
+        return 0.0 if self.video is None else max(0.0, -self.offset_s)
+
+    @property
+    def end_s(self) -> float:
+        """Where the common stretch of audio and video ends."""
+        if self.video is None:
+            return self.audio.duration_s
+        return min(self.video.duration_s, self.audio.duration_s - self.offset_s)
+
+    @property
+    def duration_s(self) -> float:
+        """Of the common stretch of audio and video."""
+        return self.end_s - self.start_s
+
+    def audio_at(self, start_s: float, duration_s: float = 1.0) -> npt.NDArray[np.float32]:
+        """Audio from ``start_s`` on, (M, N), in the order of the microphones; raises as :meth:`AudioFile.read`."""
+        return self._ordered(self.audio.read_samples(*self._samples(start_s, duration_s)))
+
+    def image_at(self, time_s: float) -> npt.NDArray[np.uint8]:
+        """The picture that stands at ``time_s`` as a clip's image, uint8 RGB, (88, 288, 3).
+
+        Raises:
+            InputError: there is no frame, see :meth:`VideoFile.frame_at`, or it has other proportions than said.
+        """
+        if self.video is None:
+            return np.full((IMAGE_ROWS, IMAGE_COLUMNS, 3), _GREY, dtype=np.uint8)
+        return self.fit(self.video.frame_at(time_s))
+
+    def fit(self, frame_ijc: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        """A frame of the video as a clip's image: mirrored back, turned, cut to elevations -55..55, (88, 288, 3).
+
+        Raises:
+            InputError: the frame is higher than wide, or no full sphere although no elevations were given.
+        """
+        where = self.name if self.video is None else str(self.video.path)
+        rows, columns = frame_ijc.shape[:2]
+        if columns <= rows:
+            raise InputError(
+                f"{where}: {columns} x {rows} pixels; a 360-degree picture is wider than high, so this is no "
+                "equirectangular one (a fisheye's must be converted), or it was stored on its side."
+            )
+        if self.elevation_range_deg is not None:
+            frame_ijc = _cut_elevations(frame_ijc, self.elevation_range_deg, where)
+        if self.mirror:
+            frame_ijc = frame_ijc[:, ::-1]
+        shift = -round(self.yaw_deg / 360.0 * frame_ijc.shape[1])
+        turned_ijc = np.ascontiguousarray(np.roll(frame_ijc, shift, axis=1) if shift else frame_ijc)
+        try:
+            return fit_image(turned_ijc, where)
+        except InputError as error:
+            raise InputError(f"{str(error)[:-1]}; otherwise say which elevations it shows.") from error
+
+    def clip_at(self, start_s: float, duration_s: float = 1.0) -> Clip:
+        """The clip that begins at ``start_s``, with the picture in the middle of it.
+
+        Raises:
+            InputError: see :meth:`audio_at` and :meth:`image_at`.
+        """
+        image_ijc = self.image_at(start_s + duration_s / 2)
+        return Clip(self.key_at(start_s), self.audio_at(start_s, duration_s), image_ijc)
+
+    def windows(self, hop_s: float, duration_s: float = 1.0) -> Iterator[tuple[float, Clip]]:
+        """Clips with the times they begin at, every ``hop_s``, in one pass over audio and video.
+
+        Windows for which there is no picture (a gap in the video, a damaged end) are left out.
+
+        Raises:
+            InputError: the audio is damaged, or the picture has other proportions than said.
+        """
+        for start_s, audio_mn in self.audio_windows(hop_s, duration_s):
+            if self.video is None:
+                yield start_s, Clip(self.key_at(start_s), audio_mn, self.image_at(start_s))
+                continue
+            frame_ijc = self.video.find_frame(start_s + duration_s / 2)
+            if frame_ijc is not None:
+                yield start_s, Clip(self.key_at(start_s), audio_mn, self.fit(frame_ijc))
+
+    def audio_windows(self, hop_s: float, duration_s: float = 1.0) -> Iterator[tuple[float, npt.NDArray[np.float32]]]:
+        """Audio (M, N) with the times it begins at, every ``hop_s``; a few seconds are held in memory at a time.
+
+        Raises:
+            InputError: the audio is damaged.
+        """
+        held_mn, held_from = np.zeros((self.audio.num_channels, 0), np.float32), 0
+        for start_s in self.window_starts(hop_s, duration_s):
+            first, count = self._samples(start_s, duration_s)
+            held_mn, held_from = held_mn[:, max(0, first - held_from) :], max(held_from, first)
+            if held_from + held_mn.shape[1] < first + count:
+                held_mn, held_from = held_mn if held_from == first else held_mn[:, :0], first
+                begin = first + held_mn.shape[1]
+                size = max(round(_BLOCK_SECONDS * SAMPLE_RATE), first + count - begin)
+                read_mn = self.audio.read_samples(begin, min(size, self.audio.num_samples - begin))
+                held_mn = np.concatenate([held_mn, read_mn], axis=1)
+            yield start_s, self._ordered(held_mn[:, :count])
+
+    def window_starts(self, hop_s: float, duration_s: float = 1.0) -> list[float]:
+        """The times at which windows begin, seconds; none where the common stretch is shorter than a window.
+
+        Raises:
+            InputError: ``hop_s`` or ``duration_s`` is not positive.
+        """
+        if not (hop_s > 0.0 and duration_s > 0.0):
+            raise InputError(f"a window of {duration_s:g} s every {hop_s:g} s is impossible; both must be positive.")
+        # A stretch that is short of the last sample by rounding still holds the last window.
+        count = int(np.floor((self.duration_s - duration_s) / hop_s + 1e-6)) + 1
+        starts_s = [self.start_s + number * hop_s for number in range(max(0, count))]
+        return [start_s for start_s in starts_s if sum(self._samples(start_s, duration_s)) <= self.audio.num_samples]
+
+    def key_at(self, start_s: float) -> str:
+        """The name of the clip that begins at ``start_s``: the recording's, and milliseconds."""
+        return f"{self.key}-{round(1e3 * start_s):08d}"
+
+    def _samples(self, start_s: float, duration_s: float) -> tuple[int, int]:
+        return round((start_s + self.offset_s) * SAMPLE_RATE), round(duration_s * SAMPLE_RATE)
+
+    def _ordered(self, audio_mn: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return np.array(audio_mn if self.channels is None else audio_mn[list(self.channels)], order="C")
+
+
+def _cut_elevations(
+    frame_ijc: npt.NDArray[np.uint8], elevation_range_deg: tuple[float, float], where: str
+) -> npt.NDArray[np.uint8]:
+    """Cuts or pads a picture with known elevations to -55..55 degrees, scaled to the proportions of a clip's image."""
+    rows, columns = frame_ijc.shape[:2]
+    low, high = elevation_range_deg
+    rows_per_degree = rows / (high - low)
+    top = round((high - IMAGE_MAX_ELEVATION_DEG) * rows_per_degree)
+    bottom = round((-IMAGE_MAX_ELEVATION_DEG - low) * rows_per_degree)
+    cut_ijc = frame_ijc[max(0, top) : rows - max(0, bottom)]
+    if not len(cut_ijc):
+        raise InputError(f"{where}: elevations {low:g} to {high:g} degrees show nothing between -55 and 55 degrees.")
+    padded_ijc = cv2.copyMakeBorder(cut_ijc, max(0, -top), max(0, -bottom), 0, 0, cv2.BORDER_CONSTANT)
+    height = round(columns * IMAGE_ROWS / IMAGE_COLUMNS)
+    return np.asarray(cv2.resize(padded_ijc, (columns, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)

@@ -1,0 +1,136 @@
+"""Finding the recordings in a folder or a list: which audio belongs to which video, and how they lie to each other."""
+
+import csv
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from avssl_pyro.data.audio_file import AudioFile
+from avssl_pyro.data.recording import Recording
+from avssl_pyro.data.video_file import VideoFile
+from avssl_pyro.errors import InputError
+
+AUDIO_SUFFIXES = (".wav", ".flac")
+VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts")
+_COLUMNS = ("video", "audio", "offset_s", "yaw_deg")
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How a recording's picture and channels lie to the array; see :class:`Recording` for each."""
+
+    offset_s: float = 0.0
+    yaw_deg: float = 0.0
+    mirror: bool = False
+    elevation_range_deg: tuple[float, float] | None = None
+    channels: tuple[int, ...] | None = None
+
+
+@dataclass(frozen=True)
+class RecordingFiles:
+    """A video, the audio that belongs to it, and how they lie to each other."""
+
+    video: Path
+    audio: Path
+    placement: Placement
+
+    def open(self) -> Recording:
+        """Raises InputError when a file cannot be read or they do not fit together."""
+        placed = self.placement
+        return Recording(
+            self.audio.stem,
+            AudioFile(self.audio),
+            VideoFile(self.video),
+            offset_s=placed.offset_s,
+            yaw_deg=placed.yaw_deg,
+            mirror=placed.mirror,
+            elevation_range_deg=placed.elevation_range_deg,
+            channels=placed.channels,
+        )
+
+
+def recordings_in_folder(folder: Path, placement: Placement) -> tuple[tuple[RecordingFiles, ...], tuple[Path, ...]]:
+    """Pairs of equal name but for the suffix, ordered by name, and the audio and video files that have no partner.
+
+    Raises:
+        InputError: there is no such folder, it holds no pair, or two files could be the partner of one.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder of recordings.")
+    audio, video = _by_stem(folder, AUDIO_SUFFIXES), _by_stem(folder, VIDEO_SUFFIXES)
+    pairs = tuple(RecordingFiles(video[stem], audio[stem], placement) for stem in sorted(audio.keys() & video.keys()))
+    if not pairs:
+        raise InputError(
+            f"{folder}: holds no recording; give each a video and a WAV or FLAC file of the same name, such as "
+            "day1.mp4 and day1.wav."
+        )
+    alone = sorted([*(audio[stem] for stem in audio.keys() - video.keys())])
+    alone += sorted(video[stem] for stem in video.keys() - audio.keys())
+    return pairs, tuple(alone)
+
+
+def _by_stem(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
+    files: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() in suffixes and not path.name.startswith("."):
+            if path.stem in files:
+                raise InputError(f"{folder}: {files[path.stem].name} and {path.name} are both '{path.stem}'; keep one.")
+            files[path.stem] = path
+    return files
+
+
+def read_recording_list(path: Path, placement: Placement) -> tuple[RecordingFiles, ...]:
+    """Reads a CSV file with columns ``video`` and ``audio``, and if wanted ``offset_s`` and ``yaw_deg``.
+
+    File names are relative to the list; an empty or missing offset or yaw is that of ``placement``.
+
+    Raises:
+        InputError: the file is missing or damaged, or a line lacks something; the line is named.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such list of recordings.")
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.DictReader(file)
+            columns = tuple(reader.fieldnames or ())
+            rows = [(reader.line_num, row) for row in reader]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({error}).") from error
+    unknown = [column for column in columns if column not in _COLUMNS]
+    if unknown or not {"video", "audio"} <= set(columns):
+        problem = f"column '{unknown[0]}' is unknown" if unknown else "column 'video' or 'audio' is missing"
+        raise InputError(f"{path}: {problem}; the first line must be: video,audio or video,audio,offset_s,yaw_deg")
+    if not rows:
+        raise InputError(f"{path}: holds no recording; give one line with video,audio for each.")
+    return tuple(_listed(path, row, placement, where=f"{path}, line {number}") for number, row in rows)
+
+
+def _listed(path: Path, row: dict[str, str | None], placement: Placement, where: str) -> RecordingFiles:
+    for column in ("video", "audio"):
+        if not row[column]:
+            raise InputError(f"{where}: column '{column}' is empty; give a file name.")
+    changes = {column: _number(text, column, where) for column in ("offset_s", "yaw_deg") if (text := row.get(column))}
+    placed = replace(placement, **changes)  # type: ignore[arg-type]
+    return RecordingFiles(path.parent / str(row["video"]), path.parent / str(row["audio"]), placed)
+
+
+def _number(text: str, column: str, where: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {column} is '{text}'; give a number.")
+    return value
+
+
+def unique_names(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
+    """The recordings with a number added to every name that could be taken for another one's in the names of clips."""
+    taken: set[str] = set()
+    named = []
+    for number, recording in enumerate(recordings):
+        unique = recording if recording.key not in taken else replace(recording, name=f"{recording.name}-r{number}")
+        taken.add(unique.key)
+        named.append(unique)
+    return tuple(named)

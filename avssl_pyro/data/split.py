@@ -1,0 +1,84 @@
+"""Keeping clips aside for validation, so that none of them overlaps one that is trained on."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from avssl_pyro.data.recording import Recording
+from avssl_pyro.data.survey import Place
+from avssl_pyro.errors import InputError
+
+Parts = dict[str, tuple[Place, ...]]
+
+
+class Splitter(Protocol):
+    """Divides clips into named parts, each of which becomes a folder; the name "" is the folder itself."""
+
+    def split(self, places: Sequence[Place], recordings: Sequence[Recording], duration_s: float) -> Parts: ...
+
+
+@dataclass(frozen=True)
+class NoSplit:
+    """All clips in one part."""
+
+    def split(self, places: Sequence[Place], recordings: Sequence[Recording], duration_s: float) -> Parts:  # noqa: ARG002
+        return {"": tuple(places)}
+
+
+@dataclass(frozen=True)
+class ByRecording:
+    """Whole recordings are kept aside, drawn by ``seed``: about ``share`` of them, at least one."""
+
+    share: float = 0.1
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _check_share(self.share)
+
+    def split(self, places: Sequence[Place], recordings: Sequence[Recording], duration_s: float) -> Parts:  # noqa: ARG002
+        """Raises InputError when fewer than two recordings hold clips."""
+        numbers = sorted({place.recording for place in places})
+        if len(numbers) < 2:
+            raise InputError(
+                "only one recording holds clips, so none can be kept aside for validation; split by time instead."
+            )
+        count = min(len(numbers) - 1, max(1, round(self.share * len(numbers))))
+        kept = set(np.random.default_rng(self.seed).permutation(numbers)[:count].tolist())
+        return {
+            "train": tuple(place for place in places if place.recording not in kept),
+            "validation": tuple(place for place in places if place.recording in kept),
+        }
+
+
+@dataclass(frozen=True)
+class ByTime:
+    """The last ``share`` of every recording is kept aside; clips across the border are in neither part."""
+
+    share: float = 0.1
+
+    def __post_init__(self) -> None:
+        _check_share(self.share)
+
+    def split(self, places: Sequence[Place], recordings: Sequence[Recording], duration_s: float) -> Parts:
+        """Raises InputError when one part comes out empty."""
+        borders_s = [recording.end_s - self.share * recording.duration_s for recording in recordings]
+        parts = {
+            "train": tuple(
+                place for place in places if place.start_s + duration_s <= borders_s[place.recording] + 1e-6
+            ),
+            "validation": tuple(place for place in places if place.start_s >= borders_s[place.recording] - 1e-6),
+        }
+        for name, part in parts.items():
+            if not part:
+                raise InputError(
+                    f"no clip is left for the part '{name}'; take more clips or another share than {self.share:g}."
+                )
+        return parts
+
+
+def _check_share(share: float) -> None:
+    if not (math.isfinite(share) and 0.0 < share < 1.0):
+        raise InputError(f"the share kept aside for validation is {share:g}; it must be between 0 and 1.")

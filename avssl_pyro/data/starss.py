@@ -1,0 +1,89 @@
+"""The STARSS23 recordings: four channels on a rigid sphere (or as first-order ambisonics), 360-degree video, labels.
+
+    root/{mic,foa}_dev/dev-{train,test}-{sony,tau}/fold4_room1_mix001.wav
+    root/video_dev/dev-train-sony/fold4_room1_mix001.mp4        (or without the folder between)
+    root/metadata_dev/dev-train-sony/fold4_room1_mix001.csv     (or without the folder between)
+
+The labels are for evaluation; training has no use for them.
+"""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from avssl_pyro.data.audio_file import AudioFile
+from avssl_pyro.data.dcase import DcaseRow, read_dcase
+from avssl_pyro.data.recording import Recording
+from avssl_pyro.data.video_file import VideoFile
+from avssl_pyro.errors import InputError
+
+FORMATS = ("mic", "foa")
+SPLITS = ("dev-train", "dev-test")
+_NAME = re.compile(r"fold(\d+)_room(\d+)_mix(\d+)")
+
+
+@dataclass(frozen=True)
+class StarssFiles:
+    """The files of one recording; ``video`` and ``labels`` are None where the set has none."""
+
+    name: str
+    fold: int
+    room: int
+    mix: int
+    audio: Path
+    video: Path | None
+    labels: Path | None
+
+    def open(self) -> Recording:
+        """Audio and video; both start at once, and the picture's centre is straight ahead.
+
+        Raises:
+            InputError: a file cannot be read.
+        """
+        video = None if self.video is None else VideoFile(self.video)
+        return Recording(self.name, AudioFile(self.audio), video)
+
+    def read_labels(self) -> tuple[DcaseRow, ...]:
+        """Raises InputError when there are no labels or they cannot be read."""
+        if self.labels is None:
+            raise InputError(f"recording '{self.name}' has no labels; look for {self.name}.csv in metadata_dev.")
+        return read_dcase(self.labels)
+
+
+def list_starss(root: Path, audio_format: str, split: str) -> tuple[StarssFiles, ...]:
+    """The recordings of a split, ordered by name.
+
+    Args:
+        root: the folder that holds ``mic_dev`` or ``foa_dev``.
+        audio_format: "mic" or "foa".
+        split: "dev-train" or "dev-test".
+
+    Raises:
+        InputError: there is no such format or split, or ``root`` holds no recording of it.
+    """
+    if audio_format not in FORMATS or split not in SPLITS:
+        raise InputError(
+            f"{root}: STARSS23 has no format '{audio_format}' with split '{split}'; formats are {' and '.join(FORMATS)}"
+            f", splits {' and '.join(SPLITS)}."
+        )
+    paths = sorted((root / f"{audio_format}_dev").glob(f"{split}*/*.wav"), key=lambda path: path.name)
+    if not paths:
+        raise InputError(
+            f"{root}: no recordings; expected {audio_format}_dev/{split}-sony/fold..._room..._mix....wav or the same "
+            f"with {split}-tau."
+        )
+    return tuple(_files(root, path) for path in paths)
+
+
+def _files(root: Path, audio: Path) -> StarssFiles:
+    found = _NAME.fullmatch(audio.stem)
+    if found is None:
+        raise InputError(f"{audio}: not named as STARSS23 names its recordings, such as fold4_room1_mix001.wav.")
+    fold, room, mix = (int(number) for number in found.groups())
+    video = _beside(root / "video_dev", audio, ".mp4")
+    return StarssFiles(audio.stem, fold, room, mix, audio, video, _beside(root / "metadata_dev", audio, ".csv"))
+
+
+def _beside(folder: Path, audio: Path, suffix: str) -> Path | None:
+    name = audio.stem + suffix
+    return next((path for path in (folder / audio.parent.name / name, folder / name) if path.is_file()), None)

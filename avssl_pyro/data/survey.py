@@ -1,0 +1,111 @@
+"""Looking through recordings once: how loud every clip would be, and whether it would have a picture."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from tqdm import tqdm
+
+from avssl_pyro.data.recording import Recording
+from avssl_pyro.data.video_file import MAX_FRAME_AGE_S
+from avssl_pyro.errors import InputError
+
+# Below this a channel holds nothing but rounding: -100 dB of full scale.
+SILENT_RMS = 1e-5
+_SAME_LENGTH_S = 0.5
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a clip is: number of its recording, seconds at which it begins, and how loud it is (RMS, full scale 1)."""
+
+    recording: int
+    start_s: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Every clip that has sound and a picture, by recording and time, and sentences on what was left out."""
+
+    places: tuple[Place, ...]
+    remarks: tuple[str, ...]
+
+    def loudest(self, count: int | None) -> tuple[Place, ...]:
+        """The ``count`` loudest clips (None: all) in their old order; of equally loud ones the earlier."""
+        order = np.argsort([-place.rms for place in self.places], kind="stable")[:count]
+        return tuple(self.places[index] for index in np.sort(order))
+
+
+def survey(recordings: Sequence[Recording], hop_s: float, duration_s: float, progress: bool = True) -> Survey:
+    """One pass over the audio, a few seconds in memory at a time; of the video only time stamps are read.
+
+    Raises:
+        InputError: a file is damaged, or no clip of any recording has both sound and a picture.
+    """
+    places: list[Place] = []
+    remarks: list[str] = []
+    total_s = math.floor(sum(recording.duration_s for recording in recordings))
+    with tqdm(total=total_s, desc="listening", unit="s", disable=not progress) as bar:
+        for number, recording in enumerate(recordings):
+            found, left_out = _survey_one(number, recording, hop_s, duration_s, bar)
+            places += found
+            remarks += left_out
+    if not places:
+        floor_db = 20 * math.log10(SILENT_RMS)
+        raise InputError(
+            f"no clip of {duration_s:g} s has both sound above {floor_db:.0f} dB of full scale and a picture; "
+            f"check channels and offset ({' '.join(remarks) or 'recordings too short'})."
+        )
+    return Survey(tuple(places), tuple(remarks))
+
+
+def _survey_one(
+    number: int, recording: Recording, hop_s: float, duration_s: float, bar: "tqdm[None]"
+) -> tuple[list[Place], list[str]]:
+    if recording.video is None:
+        return [], [f"{recording.name}: has no video; it is left out."]
+    remarks = list(_length_remarks(recording, recording.video.duration_s, duration_s))
+    stamps_s = recording.video.time_stamps()
+    places, silent, unseen = [], 0, []
+    for start_s, audio_mn in recording.audio_windows(hop_s, duration_s):
+        rms = loudness(audio_mn)
+        if rms < SILENT_RMS:
+            silent += 1
+        elif not _has_picture(stamps_s, start_s + duration_s / 2):
+            unseen.append(start_s)
+        else:
+            places.append(Place(number, start_s, rms))
+        bar.update(min(hop_s, max(0.0, bar.total - bar.n)))
+    if unseen:
+        remarks.append(
+            f"{recording.name}: {len(unseen)} clip(s) have no picture, the first at {unseen[0]:.1f} s, where the video "
+            "has a gap or ends; they are left out."
+        )
+    if silent:
+        remarks.append(f"{recording.name}: {silent} clip(s) are silent; they are left out.")
+    return places, remarks
+
+
+def loudness(audio_mn: npt.NDArray[np.float32]) -> float:
+    """RMS over all channels and samples, each channel's mean removed first."""
+    return math.sqrt(float(audio_mn.var(axis=1, dtype=np.float64).mean()))
+
+
+def _has_picture(stamps_s: npt.NDArray[np.float64], time_s: float) -> bool:
+    latest = int(np.searchsorted(stamps_s, time_s, side="right")) - 1
+    return latest >= 0 and time_s - stamps_s[latest] <= MAX_FRAME_AGE_S
+
+
+def _length_remarks(recording: Recording, video_s: float, duration_s: float) -> list[str]:
+    if recording.duration_s < duration_s:
+        return [f"{recording.name}: audio and video share {recording.duration_s:.2f} s, less than a clip."]
+    audio_s = recording.audio.duration_s
+    if abs(audio_s - video_s) > _SAME_LENGTH_S:
+        return [
+            f"{recording.name}: its audio lasts {audio_s:.2f} s, its video {video_s:.2f} s; the "
+            f"{recording.duration_s:.2f} s that both have are used."
+        ]
+    return []

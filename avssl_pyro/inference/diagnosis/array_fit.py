@@ -1,0 +1,153 @@
+"""How well an array explains a recording, without knowing any direction: the yardstick of channel order, delays, units.
+
+Every excerpt is a mixture over directions of the model's own likelihood with one template each, plus a diffuse class.
+With H = a a^H + eps I the profiled density (Eqs. 13, 14) has by Sherman and Morrison the closed form
+- M log(|x|^2 - |a^H x|^2 / (|a|^2 + eps)) - log(|a|^2 + eps) + const.
+The shares of the directions are fitted by a few rounds of EM. A wrong array puts the frequencies of one sound into
+different directions, and that costs likelihood.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.acoustics.stft import StftConfig, stft
+
+DIFFUSE = 0.1
+EM_ROUNDS = 5
+# Concentration that keeps an empty direction from being lost for good in the first round.
+LEAST_SHARE = 1e-6
+LEAST_POWER_SHARE = 1e-8
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """What of an excerpt is explained, and by which directions.
+
+    Args:
+        num_azimuths: evenly spread over the circle.
+        elevations_deg: of every azimuth.
+        low_hz: lowest frequency.
+        high_hz: highest frequency.
+        frame_step: every how many frames are used.
+    """
+
+    num_azimuths: int = 40
+    elevations_deg: tuple[float, ...] = (0.0, 25.0)
+    low_hz: float = 200.0
+    high_hz: float = 3500.0
+    frame_step: int = 4
+
+
+@dataclass(frozen=True)
+class TiltedGrid(DirectionGrid):
+    """The directions of a grid, all lifted by the same angle (radians)."""
+
+    elevation: float = 0.0
+
+    @property
+    def unit_vectors(self) -> npt.NDArray[np.float64]:
+        """Unit vectors towards the directions, (D, 3)."""
+        level_dx = super().unit_vectors * np.cos(self.elevation)
+        level_dx[:, 2] = np.sin(self.elevation)
+        return level_dx
+
+
+class Fit(NamedTuple):
+    """An array's account of some excerpts.
+
+    Args:
+        log_likelihood_b: mean over time-frequency bins, (B,), nats, up to a constant of the excerpt.
+        responsibility_bftd: of every direction for every bin, (B, F, T, D); what is missing to 1 is diffuse.
+    """
+
+    log_likelihood_b: npt.NDArray[np.float64]
+    responsibility_bftd: Tensor
+
+
+class Residual(NamedTuple):
+    """Channels beside what the others predict of them.
+
+    Args:
+        delay_s: how late they come; negative if early.
+        agreement: mean cosine of the phase to the prediction at that delay, in [-1, 1]; negative if inverted.
+    """
+
+    delay_s: float
+    agreement: float
+
+
+class ArrayFit:
+    """Compares arrays, channel orders and delays on the same excerpts.
+
+    Args:
+        config: directions and frequencies.
+    """
+
+    def __init__(self, config: FitConfig) -> None:
+        self.config = config
+        self._stft = StftConfig(low_hz=config.low_hz, high_hz=config.high_hz, bin_step=2)
+
+    def spectrogram(self, audio_bmn: npt.NDArray[np.float32]) -> Tensor:
+        """Spectrogram x_bftm of the frames and frequencies that take part, all channels of equal power."""
+        x_bfmt = stft(torch.from_numpy(audio_bmn), self._stft)[..., :: self.config.frame_step]
+        power_m = x_bfmt.abs().square().mean((0, 1, 3))
+        x_bfmt = x_bfmt / power_m.clamp_min(torch.finfo(power_m.dtype).tiny).sqrt()[:, None]
+        return x_bfmt.transpose(-2, -1).contiguous()
+
+    def steering(self, array: MicrophoneArray) -> Tensor:
+        """Steering vectors a_fdm of the directions, by the array's own kind."""
+        grids = [TiltedGrid(self.config.num_azimuths, float(np.deg2rad(up))) for up in self.config.elevations_deg]
+        per_elevation = [array.steering_vectors(grid, self._stft.frequencies) for grid in grids]
+        return torch.cat(per_elevation, dim=1).to(torch.complex64)
+
+    def fit(self, x_bftm: Tensor, steering_fdm: Tensor) -> Fit:
+        """Explains a spectrogram of :meth:`spectrogram` by directions."""
+        m, num_directions = x_bftm.shape[-1], steering_fdm.shape[1]
+        power_bft1 = x_bftm.abs().square().sum(-1, keepdim=True)
+        power_bft1 = power_bft1 + LEAST_POWER_SHARE * power_bft1.mean((1, 2), keepdim=True).clamp_min(1e-30)
+        # A common factor of a bin, such as its power, changes no comparison.
+        beam_bftd = (x_bftm @ steering_fdm.conj().transpose(-2, -1)).abs().square()
+        norm_fd = steering_fdm.abs().square().sum(-1) + DIFFUSE
+        left_bftd = 1 - beam_bftd / (power_bft1 * norm_fd[:, None])
+        # log det H is (M - 1) log eps + log(|a|^2 + eps), and the quadratic form has 1 / eps before the bracket.
+        bias_fd = float(np.log(DIFFUSE)) - norm_fd.log()
+        log_density_bftd = bias_fd[:, None] - m * left_bftd.clamp_min(1e-6).log()
+        # The diffuse class has H = I and a density of one in these units.
+        log_density_bftd = torch.cat([log_density_bftd, torch.zeros_like(power_bft1)], dim=-1)
+        share_bd = torch.full((x_bftm.shape[0], num_directions + 1), 0.5 / num_directions)
+        share_bd[:, -1] = 0.5
+        for _ in range(EM_ROUNDS):
+            joint_bftd = log_density_bftd + share_bd.log()[:, None, None]
+            responsibility_bftd = joint_bftd.softmax(-1)
+            share_bd = responsibility_bftd.mean((1, 2)).clamp_min(LEAST_SHARE)
+        evidence_bft = (log_density_bftd + share_bd.log()[:, None, None]).logsumexp(-1)
+        return Fit(evidence_bft.mean((1, 2)).double().numpy(), responsibility_bftd[..., :-1])
+
+    def residual(self, x_bftm: Tensor, steering_fdm: Tensor, heard: tuple[int, ...], longest_s: float) -> Residual:
+        """Compares channels with what the others predict of them, over all bins and excerpts.
+
+        Directions are found by the other channels alone; the phase between channels and prediction, averaged over
+        everything, is a line over frequency whose slope is the common delay and whose sign the polarity.
+        """
+        others = [m for m in range(x_bftm.shape[-1]) if m not in heard]
+        fit = self.fit(x_bftm[..., others], steering_fdm[..., others])
+        predicted_bftd = x_bftm[..., others] @ steering_fdm[:, :, others].conj().transpose(-2, -1)
+        # The beam towards a direction in the channels compared, against that in the others.
+        heard_bftd = x_bftm[..., list(heard)] @ steering_fdm[:, :, list(heard)].conj().transpose(-2, -1)
+        cross_bftd = heard_bftd * predicted_bftd.conj()
+        size_bftd = cross_bftd.abs().clamp_min(1e-20)
+        weighted_bftd = fit.responsibility_bftd * cross_bftd / size_bftd
+        cross_f = weighted_bftd.sum((0, 2, 3)).numpy()
+        total = float(fit.responsibility_bftd.sum())
+        delay_s = np.arange(-longest_s, longest_s, 0.1 / self._stft.sample_rate)
+        phase_sf = np.exp(2j * np.pi * delay_s[:, None] * self._stft.frequencies)
+        agreement_s = (phase_sf @ cross_f).real / max(total, 1e-20)
+        best = int(np.abs(agreement_s).argmax())
+        return Residual(float(delay_s[best]), float(agreement_s[best]))

@@ -1,0 +1,209 @@
+"""Exchanged, inverted and delayed channels and wrong units: the search for what would make an array fit a recording.
+
+Candidates for a repair come from the symmetry of the array (exchanges), from the delays of pairs and from what the
+other channels predict of each one. Whichever repair raises the likelihood most, excerpt by excerpt, is found and
+made, and the search goes on from there until none helps.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.inference.diagnosis.array_fit import ArrayFit, FitConfig, Residual
+from avssl_pyro.inference.diagnosis.finding import Finding, Severity, channels
+from avssl_pyro.inference.diagnosis.geometry import exchange_classes
+from avssl_pyro.inference.diagnosis.pair_delays import PairDelays, longest_delays
+from avssl_pyro.inference.diagnosis.repairs import (
+    Audio,
+    Delay,
+    Exchange,
+    Inversion,
+    Repair,
+    Rescaling,
+    possible,
+)
+
+CHECK = "array"
+# Nats per time-frequency bin and microphone that a repair must bring.
+LEAST_GAIN = 0.004
+LEAST_AGREEMENT = 0.95
+# Delays below this many seconds and scales within this factor are left to temperature, elevation and near talkers.
+LEAST_DELAY_S, LEAST_FACTOR = 4e-5, 1.3
+SCALE_STEP, FINE_SCALE_STEP = 1.15, 1.05
+# A channel that agrees so much less with the prediction of the others hears something else.
+DEAF_SHARE = 0.35
+# With more channels than this, only those that agree less than this with the others are tried.
+MOST_TO_TRY_ALL, SUSPECT_SHARE = 8, 0.85
+SURE = 0.95
+MOST_REPAIRS = 4
+RESAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Proof:
+    """How much better an array explains a recording with a repair.
+
+    Args:
+        repair: what is repaired.
+        gain_b: gain in log-likelihood per bin and microphone, (B,).
+    """
+
+    repair: Repair
+    gain_b: npt.NDArray[np.float64]
+
+    @property
+    def agreement(self) -> float:
+        """Share of bootstrap resamples of the excerpts in which the gain is large enough."""
+        draws = np.random.default_rng(0).integers(0, len(self.gain_b), (RESAMPLES, len(self.gain_b)))
+        return float((self.gain_b[draws].mean(axis=1) > LEAST_GAIN).mean())
+
+    @property
+    def confidence(self) -> float:
+        """The agreement, kept below 1: few excerpts may all err together."""
+        return self.agreement * (1 - 1 / (len(self.gain_b) + 2) ** 2)
+
+
+class ArrayMatch:
+    """Searches for repairs.
+
+    Args:
+        audio_bmn: excerpts at 16 kHz, (B, M, N); channels that are dead or copies left out.
+        array: the array of these channels.
+    """
+
+    def __init__(self, audio_bmn: Audio, array: MicrophoneArray) -> None:
+        self._audio_bmn = audio_bmn
+        self._array = array
+        self._fit = ArrayFit(fit_config(array))
+
+    def repairs(self) -> list[Proof]:
+        """What has to be repaired, in the order of its weight."""
+        found: list[Proof] = []
+        audio_bmn, array = self._audio_bmn, self._array
+        while len(found) < MOST_REPAIRS:
+            before_b = self._score(audio_bmn, array)
+            proofs = [
+                Proof(repair, self._score(*repair.mend(audio_bmn, array)) - before_b)
+                for repair in self._candidates(audio_bmn, array)
+            ]
+            best = max(proofs, key=lambda proof: float(proof.gain_b.mean()), default=None)
+            if best is None or best.gain_b.mean() <= LEAST_GAIN or best.agreement < LEAST_AGREEMENT:
+                break
+            best = self._sharpened(best, before_b, audio_bmn, array)
+            found.append(best)
+            audio_bmn, array = best.repair.mend(audio_bmn, array)
+        self._audio_bmn, self._array = audio_bmn, array
+        return found
+
+    def deaf(self) -> list[int]:
+        """Channels that do not follow the sound field that the others hear; to be asked after :meth:`repairs`."""
+        if self._array.num_microphones < 4:
+            return []
+        agreement_m = np.array(
+            [
+                self._residual(self._audio_bmn, self._array, (channel,), LEAST_DELAY_S).agreement
+                for channel in range(self._array.num_microphones)
+            ]
+        )
+        return [int(channel) for channel in np.flatnonzero(agreement_m < DEAF_SHARE * np.median(agreement_m))]
+
+    def _sharpened(
+        self, proof: Proof, before_b: npt.NDArray[np.float64], audio_bmn: Audio, array: MicrophoneArray
+    ) -> Proof:
+        """A rescaling to the nearest few per cent."""
+        if not isinstance(proof.repair, Rescaling):
+            return proof
+        finer = [Rescaling(proof.repair.factor * FINE_SCALE_STEP**step) for step in range(-3, 4)]
+        proofs = [
+            Proof(repair, self._score(*repair.mend(audio_bmn, array)) - before_b)
+            for repair in finer
+            if possible(repair, array)
+        ]
+        return max(proofs, key=lambda other: float(other.gain_b.mean()))
+
+    def _score(self, audio_bmn: Audio, array: MicrophoneArray) -> npt.NDArray[np.float64]:
+        fit = self._fit.fit(self._fit.spectrogram(audio_bmn), self._fit.steering(array))
+        return fit.log_likelihood_b / array.num_microphones
+
+    def _candidates(self, audio_bmn: Audio, array: MicrophoneArray) -> list[Repair]:
+        num = array.num_microphones
+        pairs = PairDelays.of(audio_bmn)
+        residuals = [self._residual(audio_bmn, array, (channel,)) for channel in range(num)] if num > 2 else []
+        suspects = _suspects(residuals) if num > MOST_TO_TRY_ALL else set(range(num))
+        candidates: list[Repair] = [
+            Exchange(members[0], tuple(members[1:]))
+            for members in exchange_classes(array)[1:]
+            if any(suspects.issuperset(pair) for pair in members)
+        ]
+        # With two channels one inversion is as good as the other.
+        candidates += [Inversion(channel) for channel in sorted(suspects)[: 1 if num == 2 else num]]
+        candidates += self._late_groups(audio_bmn, array, pairs)
+        candidates += [
+            Delay((channel,), residual.delay_s)
+            for channel, residual in enumerate(residuals)
+            if abs(residual.delay_s) > LEAST_DELAY_S
+        ]
+        if num > 2:
+            around = pairs.scale(array)
+            factors = [around * SCALE_STEP**step for step in range(-2, 4)]
+            candidates += [Rescaling(factor) for factor in factors if max(factor, 1 / factor) > LEAST_FACTOR]
+        return [repair for repair in candidates if possible(repair, array)]
+
+    def _late_groups(self, audio_bmn: Audio, array: MicrophoneArray, pairs: PairDelays) -> list[Delay]:
+        """Delays beyond what the array allows, and made exact where there are others to predict from."""
+        delays = []
+        for late, delay_s in pairs.late_groups(array):
+            delays.append(Delay(late, delay_s))
+            if array.num_microphones - len(late) >= 2:
+                nearly_bmn, _ = delays[-1].mend(audio_bmn, array)
+                delays.append(Delay(late, delay_s + self._residual(nearly_bmn, array, late).delay_s))
+        return delays
+
+    def _residual(
+        self, audio_bmn: Audio, array: MicrophoneArray, heard: tuple[int, ...], longest_s: float | None = None
+    ) -> Residual:
+        longest_s = float(longest_delays(array).max()) if longest_s is None else longest_s
+        return self._fit.residual(self._fit.spectrogram(audio_bmn), self._fit.steering(array), heard, longest_s)
+
+
+def _suspects(residuals: Sequence[Residual]) -> set[int]:
+    """Channels that agree clearly less than others with what is predicted of them."""
+    agreement_m = np.array([residual.agreement for residual in residuals])
+    return set(np.flatnonzero(agreement_m < SUSPECT_SHARE * np.median(agreement_m)).tolist())
+
+
+def fit_config(array: MicrophoneArray) -> FitConfig:
+    """Frequencies up to two wavelengths across the array: above, its directions lie closer than the grid's."""
+    extent_m = float(np.linalg.norm(np.ptp(array.positions, axis=0)))
+    return FitConfig(high_hz=float(np.clip(2.4 * array.speed_of_sound / extent_m, 1000.0, 3500.0)))
+
+
+def check_array_match(audio_bmn: Audio, array: MicrophoneArray, names: Sequence[int]) -> tuple[Finding, ...]:
+    """Exchanged, inverted, delayed and deaf channels, and wrong units.
+
+    Args:
+        audio_bmn: excerpts at 16 kHz, (B, M, N).
+        array: the array of these channels.
+        names: of the channels in the file, counted from 0.
+    """
+    match = ArrayMatch(audio_bmn, array)
+    findings = [
+        Finding(
+            proof.repair.check,
+            proof.repair.severity,
+            proof.repair.message(names),
+            proof.confidence,
+            proof.repair.advice,
+        )
+        for proof in match.repairs()
+    ]
+    deaf = [names[channel] for channel in match.deaf()]
+    if deaf:
+        found = f"{channels(deaf)} hears something else than the other channels"
+        advice = "listen to it: noise, hum or an unplugged microphone"
+        findings.append(Finding(CHECK, Severity.ERROR, found, SURE, advice))
+    sound = "order, signs, delays and units of the channels fit the array"
+    return tuple(findings) or (Finding(CHECK, Severity.OK, sound, SURE),)

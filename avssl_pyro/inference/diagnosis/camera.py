@@ -1,0 +1,52 @@
+"""What the search for the camera's orientation means for a recording."""
+
+from collections.abc import Sequence
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.covariance import template_covariances
+from avssl_pyro.data.clip import Clip
+from avssl_pyro.inference.diagnosis.finding import Finding, Severity
+from avssl_pyro.inference.diagnosis.geometry import is_mirror_blind
+from avssl_pyro.inference.diagnosis.orientation import Orientation, OrientationSearch
+from avssl_pyro.inference.system import System
+
+CHECK = "camera"
+TOLERATED_DEG = 5.0
+# Less sure than this is no finding.
+LEAST_CONFIDENCE = 0.9
+LEAST_CLIPS = 8
+
+
+def check_camera(system: System, clips: Sequence[Clip], progress: bool = False) -> tuple[Finding, ...]:
+    """Yaw and mirror between camera and array, by a trained system."""
+    sounding = [clip for clip in clips if clip.audio_mn.any()]
+    if len(sounding) < LEAST_CLIPS:
+        found = f"cannot tell how the camera is turned from {len(sounding)} clips: {LEAST_CLIPS} are needed"
+        return (Finding(CHECK, Severity.NOTE, found, 0.5, "give a longer recording"),)
+    config = system.config
+    search = OrientationSearch(
+        system.guide, template_covariances(config.steering()), config.stft, config.model.diffuse, config.model.sigma
+    )
+    return judge(search.search(sounding, progress), config.array)
+
+
+def judge(orientation: Orientation, array: MicrophoneArray) -> tuple[Finding, ...]:
+    """The finding behind an orientation."""
+    if is_mirror_blind(array):
+        found = "cannot tell whether the picture is mirrored or turned: both sides of this array sound alike"
+        return (Finding(CHECK, Severity.NOTE, found, 1.0, "compare camera and array by eye"),)
+    yaw_deg, confidence = orientation.yaw_deg, orientation.yaw_confidence
+    if confidence < LEAST_CONFIDENCE:
+        found = f"cannot tell how the camera is turned; {_turned(orientation)} fits best, but hardly better than others"
+        advice = "give a longer recording with people who talk and move, or a model that knows such pictures"
+        return (Finding(CHECK, Severity.NOTE, found, confidence, advice),)
+    if not orientation.mirror and abs(yaw_deg) <= TOLERATED_DEG:
+        return (Finding(CHECK, Severity.OK, "picture and sound agree: neither turned nor mirrored", confidence),)
+    found = f"the picture is {_turned(orientation)} against the array"
+    advice = f"read the recording with a yaw of {yaw_deg:.0f} deg" + (" and mirrored" if orientation.mirror else "")
+    return (Finding(CHECK, Severity.WARNING, found, confidence, advice),)
+
+
+def _turned(orientation: Orientation) -> str:
+    turned = f"turned by {orientation.yaw_deg:+.0f} deg"
+    return f"mirrored and {turned}" if orientation.mirror else turned

@@ -1,0 +1,48 @@
+"""All checks of the sound of a recording, in the order in which one fault hides another."""
+
+import numpy as np
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.data.excerpts import Excerpts
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.diagnosis.array_match import check_array_match
+from avssl_pyro.inference.diagnosis.clipping import check_clipping
+from avssl_pyro.inference.diagnosis.duplicates import check_duplicates, find_duplicates
+from avssl_pyro.inference.diagnosis.finding import Finding, Severity
+from avssl_pyro.inference.diagnosis.geometry import check_geometry
+from avssl_pyro.inference.diagnosis.levels import ChannelLevels, check_levels
+
+# The loudest excerpts tell most of directions; more of them cost time and change nothing.
+EXCERPTS_TO_MATCH = 8
+
+
+def examine(excerpts: Excerpts, array: MicrophoneArray) -> tuple[Finding, ...]:
+    """Checks excerpts against the array that is said to have recorded them.
+
+    Dead channels and second copies are left out before channels are compared with each other.
+
+    Raises:
+        InputError: the numbers of channels and microphones differ.
+    """
+    if excerpts.num_channels != array.num_microphones:
+        raise InputError(
+            f"the recording has {excerpts.num_channels} channel(s), but array '{array.name}' has "
+            f"{array.num_microphones} microphones; give the array file of this recording."
+        )
+    levels = ChannelLevels.of(excerpts)
+    findings = [*check_geometry(array), *check_levels(excerpts)]
+    if not levels.loud_b.any():
+        return tuple(findings)
+    findings += [*check_clipping(excerpts), *check_duplicates(excerpts)]
+    unusable = {*levels.dead, *(second for _, second, _ in find_duplicates(excerpts))}
+    if not (array.positions_m and array.steering.has_delays):
+        found = f"order, signs and delays of channels cannot be checked on an array {array.steering.phrase}"
+        return (*findings, Finding("array", Severity.NOTE, found, 1.0, "listen to the channels one by one"))
+    usable = [channel for channel in range(array.num_microphones) if channel not in unusable]
+    if len(usable) < 2:
+        found = "fewer than two channels are left to compare"
+        return (*findings, Finding("array", Severity.ERROR, found, 1.0, "mend the channels first"))
+    loudest = np.argsort(-levels.power_bm[:, usable].mean(axis=1))[:EXCERPTS_TO_MATCH]
+    heard = excerpts.select(usable)
+    matching = check_array_match(heard.audio_bmn[np.sort(loudest)], array.select(tuple(usable)), heard.names)
+    return (*findings, *matching)

@@ -1,0 +1,118 @@
+"""The offset between sound and picture: do onsets of sound and changes of the picture come at the same time?
+
+Claps, doors, somebody who starts to move and talk: where such moments are frequent, the correlation of the two onset
+curves over time lags has one clear peak. Talkers who sit still leave none, and then nothing can be said.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.inference.diagnosis.finding import Finding, Severity
+
+CHECK = "audio-video offset"
+RATE = 50.0
+LONGEST_S = 3.0
+LEAST_SECONDS = 10.0
+# A peak is believed when it stands so many robust standard deviations above the other lags, this much above the next
+# peak, and when each half of the recording has it in the same place.
+LEAST_HEIGHT, LEAST_LEAD = 6.0, 1.3
+SAME_PLACE_S = 0.06
+TOLERATED_S = 0.08
+
+
+@dataclass(frozen=True)
+class Lag:
+    """How late the picture is.
+
+    Args:
+        lag_s: picture changes come so much after sound onsets; negative if before.
+        height: of the correlation's peak, in robust standard deviations of the others.
+        clear: whether the peak may be believed.
+    """
+
+    lag_s: float
+    height: float
+    clear: bool
+
+
+def sound_energy(audio_mn: npt.NDArray[np.float32], rate: int) -> npt.NDArray[np.float64]:
+    """Mean power of all channels in steps of 1 / 50 s, (T,)."""
+    step = round(rate / RATE)
+    frames = audio_mn.shape[1] // step
+    return np.asarray(
+        np.square(audio_mn[:, : frames * step], dtype=np.float64).reshape(-1, frames, step).mean(axis=(0, 2))
+    )
+
+
+def picture_change(
+    times_s: npt.NDArray[np.float64], images: npt.NDArray[np.uint8], duration_s: float
+) -> npt.NDArray[np.float64]:
+    """Mean square difference of following frames (I, rows, columns, ...), brought to steps of 1 / 50 s, (T,).
+
+    A change belongs to the middle of its two frames' times.
+    """
+    frames = images.reshape(len(images), -1).astype(np.float32)
+    change_i = np.square(np.diff(frames, axis=0)).mean(axis=1)
+    middle_i = (times_s[1:] + times_s[:-1]) / 2
+    grid_s = (np.arange(int(duration_s * RATE)) + 0.5) / RATE
+    return np.interp(grid_s, middle_i, change_i)
+
+
+def find_lag(energy_t: npt.NDArray[np.float64], change_t: npt.NDArray[np.float64]) -> Lag:
+    """Correlates the onsets of two curves in steps of 1 / 50 s that start together."""
+    length = min(len(energy_t), len(change_t))
+    sound_t, picture_t = _onsets(energy_t[:length]), _onsets(change_t[:length])
+    best, height, lead = _peak(sound_t, picture_t)
+    half = length // 2
+    halves = [_peak(sound_t[part], picture_t[part])[0] for part in (slice(half), slice(half, length))]
+    agree = all(abs(lag - best) <= SAME_PLACE_S * RATE for lag in halves)
+    long_enough = length >= LEAST_SECONDS * RATE
+    clear = agree and long_enough and height >= LEAST_HEIGHT and lead >= LEAST_LEAD
+    return Lag(best / RATE, height, clear)
+
+
+def _onsets(power_t: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    floor = 1e-3 * max(float(power_t.mean()), 1e-12)
+    rise_t = np.maximum(np.diff(np.log(power_t + floor), prepend=np.log(power_t[:1] + floor)), 0)
+    smooth_t = np.convolve(rise_t, (0.25, 0.5, 0.25), mode="same")
+    centred_t = smooth_t - smooth_t.mean()
+    return np.asarray(centred_t / max(float(np.linalg.norm(centred_t)), 1e-12))
+
+
+def _peak(sound_t: npt.NDArray[np.float64], picture_t: npt.NDArray[np.float64]) -> tuple[int, float, float]:
+    """The best lag in steps, its height, and its lead over the next peak."""
+    longest = min(int(LONGEST_S * RATE), len(sound_t) // 3)
+    middle = len(sound_t) - 1
+    correlation_l = np.correlate(picture_t, sound_t, mode="full")[middle - longest : middle + longest + 1]
+    best = int(correlation_l.argmax())
+    spread = 1.4826 * float(np.median(np.abs(correlation_l - np.median(correlation_l))))
+    heights_l = (correlation_l - np.median(correlation_l)) / max(spread, 1e-12)
+    # The picture is sampled coarsely, so that a peak is a few steps wide.
+    elsewhere_l = np.abs(np.arange(len(correlation_l)) - best) > 6
+    runner_up = max(float(heights_l[elsewhere_l].max(initial=0.0)), 1e-12)
+    return best - longest, float(heights_l[best]), float(heights_l[best]) / runner_up
+
+
+def check_lag(
+    energy_t: npt.NDArray[np.float64], change_t: npt.NDArray[np.float64], given_s: float = 0.0
+) -> tuple[Finding, ...]:
+    """Names the offset between sound and picture, or says that it cannot be told.
+
+    Args:
+        energy_t, change_t: of sound and picture, as by :func:`sound_energy` and :func:`picture_change`.
+        given_s: offset (audio time minus video time) by which they were brought together already.
+    """
+    lag = find_lag(energy_t, change_t)
+    if not lag.clear:
+        found = "cannot tell whether sound and picture are in step: they have no clear onsets in common"
+        return (Finding(CHECK, Severity.NOTE, found, 0.5, "clap three times in view of the camera to be sure"),)
+    confidence = float(1 - np.exp(-lag.height / 3))
+    if abs(lag.lag_s) <= TOLERATED_S:
+        return (Finding(CHECK, Severity.OK, "sound and picture are in step", confidence),)
+    side = "after" if lag.lag_s > 0 else "before"
+    found = f"the picture comes {abs(lag.lag_s):.2f} s {side} the sound"
+    return (
+        Finding(CHECK, Severity.WARNING, found, confidence, f"read it with an offset of {given_s - lag.lag_s:+.2f} s"),
+    )

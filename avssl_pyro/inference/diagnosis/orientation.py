@@ -1,0 +1,183 @@
+"""How the camera is turned against the array, and whether its picture is mirrored, found without any label.
+
+A trained visual network says where in the picture sound may come from. Turn and mirror the picture, and only one way
+agrees with what the microphones hear: the one with the highest evidence lower bound. For a clip and a picture it is
+
+    max over pi of log p(x | w, pi) - KL(q(w | picture) || p(w)),    w = exp(mu) of the network,
+
+that is, with the levels where a few rounds of EM put them. Sums over clips are compared.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+from torch.distributions import Normal, kl_divergence
+from tqdm import tqdm
+
+from avssl_pyro.acoustics.covariance import spatial_covariance
+from avssl_pyro.acoustics.grid import wrap_angle
+from avssl_pyro.acoustics.stft import StftConfig, stft
+from avssl_pyro.data.batch import collate_clips
+from avssl_pyro.data.clip import Clip
+from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, component_log_likelihood, observe
+
+COARSE_DEG, FINE_DEG = 15.0, 5.0
+# Turns this close to the best are not its rivals: a talker is as wide.
+NEAR_DEG = 12.5
+EM_ROUNDS = 5
+BIN_STEP, FRAME_STEP = 4, 4
+RESAMPLES = 1000
+PICTURES_AT_ONCE = 16
+
+
+class Looks(Protocol):
+    """What is asked of a guide: its posterior of direction weights given the picture."""
+
+    def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]: ...
+
+    def sigma(self, mu_bkd: Tensor) -> Tensor: ...
+
+
+@dataclass(frozen=True, order=True)
+class Turn:
+    """A way to turn a picture: mirrored first or not, then so that its centre shows azimuth ``yaw_deg``."""
+
+    mirror: bool
+    yaw_deg: float
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """The turn that fits best.
+
+    Args:
+        yaw_deg: azimuth, seen from the array, of what the centre of the picture shows, -180 to 180.
+        mirror: left and right are exchanged in the picture.
+        yaw_confidence: share of bootstrap resamples of the clips whose best turn is near this one (and as mirrored).
+        mirror_confidence: share of resamples whose best turn is as mirrored as this one.
+        gain_over_given: log evidence over that of the pictures as they are, nats per clip.
+    """
+
+    yaw_deg: float
+    mirror: bool
+    yaw_confidence: float
+    mirror_confidence: float
+    gain_over_given: float
+
+
+class OrientationSearch:
+    """Compares turned and mirrored pictures.
+
+    Args:
+        looks: the guide of a trained system, in evaluation mode.
+        template_dfmm: direction templates of the spectrogram's frequencies, complex (D, F, M, M).
+        stft_config: of the spectrogram.
+        diffuse: eps of the model.
+        prior_sigma: sigma_0 of the model.
+    """
+
+    def __init__(
+        self, looks: Looks, template_dfmm: Tensor, stft_config: StftConfig, diffuse: float, prior_sigma: float
+    ) -> None:
+        self._looks = looks
+        self._template_dfmm = template_dfmm[:, ::BIN_STEP].contiguous()
+        self._stft = stft_config
+        self._diffuse = diffuse
+        self._prior_sigma = prior_sigma
+
+    @torch.no_grad()
+    def evidence(self, clips: Sequence[Clip], turns: Sequence[Turn], progress: bool = False) -> npt.NDArray[np.float64]:
+        """Log evidence of every clip under every turn of its picture, (B, H), nats, up to a constant of the clip."""
+        rows = []
+        for clip in tqdm(clips, unit="clip", desc="turning pictures", disable=not progress):
+            batch = collate_clips([clip])
+            x_bfmt = stft(batch.audio_bmn, self._stft)[:, ::BIN_STEP, :, ::FRAME_STEP]
+            observed, image_bcij = observe(x_bfmt), batch.image_float()
+            parts = [turns[n : n + PICTURES_AT_ONCE] for n in range(0, len(turns), PICTURES_AT_ONCE)]
+            rows.append(torch.cat([self._evidence(observed, image_bcij, part) for part in parts]))
+        return torch.stack(rows).double().numpy()
+
+    def _evidence(self, observed: ObservedSpectrogram, image_bcij: Tensor, turns: Sequence[Turn]) -> Tensor:
+        turned_hcij = torch.cat([turn_picture(image_bcij, turn) for turn in turns])
+        mu_hkd, _ = self._looks.log_weights(turned_hcij)
+        prior = Normal(torch.zeros_like(mu_hkd), self._prior_sigma)
+        # The likelihood knows no scale of w, and the posterior's own differs from the prior's.
+        centred_hkd = mu_hkd - mu_hkd.mean(-1, keepdim=True)
+        divergence_h = kl_divergence(Normal(centred_hkd, self._looks.sigma(mu_hkd)), prior).sum((-2, -1))
+        scm_hkfmm = spatial_covariance(mu_hkd.softmax(-1), self._template_dfmm, self._diffuse)
+        density_hfkt = component_log_likelihood(observed, scm_hkfmm[:, None])[:, 0]
+        log_pi_hk = torch.full(mu_hkd.shape[:-1], -float(np.log(mu_hkd.shape[1])))
+        for _ in range(EM_ROUNDS):
+            joint_hfkt = density_hfkt + log_pi_hk[:, None, :, None]
+            share_hk = joint_hfkt.softmax(-2).mean((1, 3))
+            log_pi_hk = share_hk.clamp_min(1e-6).log()
+        likelihood_h = (density_hfkt + log_pi_hk[:, None, :, None]).logsumexp(-2).sum((-2, -1))
+        # A thinned spectrogram stands for the whole one.
+        return BIN_STEP * FRAME_STEP * likelihood_h - divergence_h
+
+    def search(self, clips: Sequence[Clip], progress: bool = False) -> Orientation:
+        """Finds yaw and mirror: all turns in coarse steps, then the neighbours of the best few in fine ones."""
+        coarse = [
+            Turn(mirror, yaw) for mirror in (False, True) for yaw in np.arange(-180.0, 180.0, COARSE_DEG).tolist()
+        ]
+        evidence_bh = self.evidence(clips, coarse, progress)
+        # Wide steps can miss the narrow top of one hypothesis, but not of several.
+        fine: set[Turn] = set()
+        for number in np.argsort(-evidence_bh.sum(axis=0))[:4]:
+            turn = coarse[int(number)]
+            fine |= {Turn(turn.mirror, float(_wrap_deg(turn.yaw_deg + step * FINE_DEG))) for step in (-2, -1, 1, 2)}
+        extra = sorted(fine - set(coarse))
+        evidence_bh = np.concatenate([evidence_bh, self.evidence(clips, extra, progress)], axis=1)
+        return conclude([*coarse, *extra], evidence_bh)
+
+
+def turn_picture(image_bcij: Tensor, turn: Turn) -> Tensor:
+    """Pictures (B, 3, I, J) as a camera that stands right would have taken them."""
+    mirrored_bcij = image_bcij.flip(-1) if turn.mirror else image_bcij
+    # Content moves to larger azimuths, that is to the left.
+    return mirrored_bcij.roll(-round(turn.yaw_deg / 360 * image_bcij.shape[-1]), dims=-1)
+
+
+def conclude(turns: Sequence[Turn], evidence_bh: npt.NDArray[np.float64]) -> Orientation:
+    """The best turn of a table of evidences (B, H), and how sure it is."""
+    mirror_h = np.array([turn.mirror for turn in turns])
+    yaw_h = np.array([turn.yaw_deg for turn in turns])
+    total_h = evidence_bh.sum(axis=0)
+    best = int(total_h.argmax())
+    near_h = (mirror_h == mirror_h[best]) & (np.abs(_wrap_deg(yaw_h - yaw_h[best])) <= NEAR_DEG)
+    draws = np.random.default_rng(0).integers(0, len(evidence_bh), (RESAMPLES, len(evidence_bh)))
+    winner_s = evidence_bh[draws].sum(axis=1).argmax(axis=1)
+    given_h = (~mirror_h) & (yaw_h == 0)
+    # As in all bootstraps of few samples, certainty is bounded by their number.
+    most = 1 - 1 / (len(evidence_bh) + 2) ** 2
+    return Orientation(
+        yaw_deg=float(_wrap_deg(yaw_h[best] + _parabola(yaw_h, mirror_h, total_h, best))),
+        mirror=bool(mirror_h[best]),
+        yaw_confidence=float(near_h[winner_s].mean()) * most,
+        mirror_confidence=float((mirror_h[winner_s] == mirror_h[best]).mean()) * most,
+        gain_over_given=float((total_h[best] - total_h[given_h].max()) / len(evidence_bh)) if given_h.any() else 0.0,
+    )
+
+
+def _parabola(
+    yaw_h: npt.NDArray[np.float64], mirror_h: npt.NDArray[np.bool_], total_h: npt.NDArray[np.float64], best: int
+) -> float:
+    """Offset of a parabola's top through the best turn and its fine neighbours, degrees; 0 where they are missing."""
+    sides = []
+    for step in (-FINE_DEG, FINE_DEG):
+        there = np.flatnonzero((mirror_h == mirror_h[best]) & (np.abs(_wrap_deg(yaw_h - yaw_h[best] - step)) < 1e-6))
+        if not there.size:
+            return 0.0
+        sides.append(float(total_h[there[0]]))
+    curvature = 2 * float(total_h[best]) - sides[0] - sides[1]
+    return 0.5 * FINE_DEG * (sides[1] - sides[0]) / curvature if curvature > 0 else 0.0
+
+
+def _wrap_deg(angle_deg: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    # Rounded, so that equal turns are equal numbers.
+    return np.round(np.rad2deg(wrap_angle(np.deg2rad(np.asarray(angle_deg, dtype=np.float64)))), 6)

@@ -1,0 +1,100 @@
+"""Tracks while the recording goes on: every window is answered a few windows later, given what was heard till then."""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.track_bank import Chain
+from avssl_pyro.inference.track_chain import smooth
+from avssl_pyro.inference.tracking import (
+    TrackedSource,
+    TrackingConfig,
+    WindowDetections,
+    add_window,
+    check_windows,
+    heard_level,
+)
+
+
+@dataclass
+class _Voice:
+    """A reported source: the id of its track, and its level when it was last detected."""
+
+    id: int
+    level: float
+
+
+class LiveTracker:
+    """The online form of :func:`avssl_pyro.inference.tracking.track`, with a fixed lag.
+
+    Memory and time per window do not grow with the length of the recording.
+
+    Raises:
+        InputError: a negative lag or a step that is not positive.
+
+    Args:
+        config: as of :func:`track`.
+        step_s: usual time between windows.
+        lag: how many later windows are heard before a window is answered; with 0 no miss is bridged before the source
+            is back.
+    """
+
+    def __init__(self, config: TrackingConfig | None = None, step_s: float = 0.1, lag: int = 3) -> None:
+        if lag < 0 or not (np.isfinite(step_s) and step_s > 0):
+            raise InputError(
+                f"live tracking: a lag of {lag} windows of {step_s} s; give 0 or more, and positive seconds."
+            )
+        self.config = config or TrackingConfig()
+        self.step_s, self.lag = step_s, lag
+        self._bank = self.config.new_bank()
+        self._recent: deque[WindowDetections] = deque(maxlen=lag + 1)
+        self._voices: dict[Chain, _Voice] = {}
+        self._num_voices = 0
+
+    def push(self, window: WindowDetections) -> tuple[TrackedSource, ...] | None:
+        """Hears a window and answers the one ``lag`` windows before it; None while there is no such window.
+
+        Raises:
+            InputError: as :func:`track`.
+        """
+        last = self._recent[-1] if self._recent else None
+        check_windows([window] if last is None else [last, window])
+        self._recent.append(window)
+        add_window(self._bank, window, self.step_s if last is None else window.time_s - last.time_s)
+        if self._bank.num_windows <= self.lag:
+            return None
+        return self._answer(self._bank.num_windows - 1 - self.lag)
+
+    def finish(self) -> list[tuple[TrackedSource, ...]]:
+        """Answers the windows that are still open, in order; call it once, at the end."""
+        end = self._bank.num_windows
+        return [self._answer(t) for t in range(max(end - self.lag, 0), end)]
+
+    def _answer(self, t: int) -> tuple[TrackedSource, ...]:
+        bank = self._bank
+        window = self._recent[t - bank.num_windows]
+        sources = []
+        for chain in bank.ended + bank.active:
+            if chain.first <= t < chain.first + len(chain.steps):
+                chain.trim(t)
+                source = self._source(chain, window)
+                sources += [source] if source is not None else []
+        bank.ended = [chain for chain in bank.ended if chain.first + len(chain.steps) > t + 1]
+        self._voices = {chain: voice for chain, voice in self._voices.items() if chain in {*bank.active, *bank.ended}}
+        return tuple(sorted(sources, key=lambda source: -source.level))
+
+    def _source(self, chain: Chain, window: WindowDetections) -> TrackedSource | None:
+        """What a chain, whose first window is ``window``, says about it."""
+        *_, belief = smooth(chain.steps)
+        if belief.presence < self.config.confirm or belief.sounding_d.sum() < self.config.sounding:
+            return None
+        level = heard_level(window, chain.shares_tnd[0] @ belief.sounding_d)
+        if chain not in self._voices:
+            self._voices[chain] = _Voice(self._num_voices, level if np.isfinite(level) else 0.0)
+            self._num_voices += 1
+        voice = self._voices[chain]
+        voice.level = level if np.isfinite(level) else voice.level
+        azimuth, std = belief.direction(self.config.grid)
+        return TrackedSource(voice.id, azimuth, std, voice.level)

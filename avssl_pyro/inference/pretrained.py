@@ -1,0 +1,69 @@
+"""The weights that come with the package: trained without labels on simulated scenes, see ``weights/MODEL_CARD.md``."""
+
+from dataclasses import dataclass, replace
+from importlib.resources import as_file, files
+
+import numpy as np
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.inference.system import System, build_system
+
+# By the array they were trained with.
+SHIPPED = ("circle2", "circle4", "circle6")
+# Whose weights serve an array that is none of these: its visual network was trained with the most microphones.
+MOST_GENERAL = "circle6"
+SAME_PLACE_M = 1e-3
+
+
+@dataclass(frozen=True)
+class Pretrained:
+    """A system with shipped weights.
+
+    Args:
+        system: model and guide for the array that was asked for, in evaluation mode.
+        trained_with: name of the array the weights were trained with.
+        native: whether that is the array asked for. If not, the visual network, which knows of no array, serves as well
+            as ever; the audio network does not, so answers want to be refined.
+    """
+
+    system: System
+    trained_with: str
+    native: bool
+
+    @property
+    def sentence(self) -> str:
+        """What a user should know."""
+        array = self.system.config.array.name
+        if self.native:
+            return f"using the weights that come with the package for array '{array}'."
+        return (
+            f"no weights come with the package for array '{array}'; using the visual network of '{self.trained_with}', "
+            "which any array can share, and levels that only refinement makes good. Train for better ones."
+        )
+
+
+def load_pretrained(array: MicrophoneArray) -> Pretrained:
+    """The shipped system of an array, or the most general one fitted to its geometry."""
+    for name in SHIPPED:
+        system = load_shipped(name)
+        if _same_places(system.config.array, array):
+            return Pretrained(system, name, native=True)
+    general = load_shipped(MOST_GENERAL)
+    system = build_system(replace(general.config, array=array))
+    system.load_state_dict(general.state_dict())
+    system.model.eval()
+    system.guide.eval()
+    return Pretrained(system, MOST_GENERAL, native=False)
+
+
+def load_shipped(name: str) -> System:
+    """The system trained with the array of that name, one of ``SHIPPED``."""
+    with as_file(files("avssl_pyro") / "weights" / f"{name}.safetensors") as path:
+        return load_checkpoint(path)
+
+
+def _same_places(trained: MicrophoneArray, array: MicrophoneArray) -> bool:
+    if trained.num_microphones != array.num_microphones:
+        return False
+    return bool(np.linalg.norm(trained.positions - array.positions, axis=-1).max() <= SAME_PLACE_M)

@@ -1,0 +1,119 @@
+"""What a recording's sources do over time, at any moment between the windows that were localized."""
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from avssl_pyro.acoustics.grid import wrap_angle
+from avssl_pyro.inference.tracking import Track, WindowDetections, tracked_sources
+
+# Faster than anybody walks around a robot between two windows: one name, two places (radians).
+MAX_TURN = np.deg2rad(30.0)
+
+
+@dataclass(frozen=True)
+class NamedSource:
+    """A sounding object at one moment; angles in radians.
+
+    Args:
+        name: number that stays with the object: of its track, or of its source class where nothing was tracked.
+        azimuth: direction of arrival, counter-clockwise from straight ahead.
+        azimuth_std: posterior standard deviation of the azimuth.
+        level: mixing level, the share of time-frequency bins the source dominates.
+    """
+
+    name: int
+    azimuth: float
+    azimuth_std: float
+    level: float
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The sounding objects in the window around a time (seconds from the recording's start)."""
+
+    time_s: float
+    sources: tuple[NamedSource, ...]
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Moments of a recording, in order.
+
+    Args:
+        moments: what was found.
+        hop_s: time from one moment to the next, where none is missing.
+        reach_s: how long before and after a moment without a neighbour its sources are still shown; half a window.
+    """
+
+    moments: tuple[Moment, ...]
+    hop_s: float
+    reach_s: float
+
+    @property
+    def names(self) -> tuple[int, ...]:
+        """Every name, in order of appearance."""
+        return tuple(dict.fromkeys(source.name for moment in self.moments for source in moment.sources))
+
+    def at(self, time_s: float) -> tuple[NamedSource, ...]:
+        """Sources at a time; those that two neighbouring moments share move evenly from one to the other.
+
+        A source of one of the two only lasts for half of the time between them.
+        """
+        index = bisect_right(self.moments, time_s, key=lambda moment: moment.time_s)
+        around = self.moments[max(index - 1, 0) : index + 1]
+        if len(around) < 2 or around[1].time_s - around[0].time_s > 1.5 * self.hop_s:
+            nearest = min(around, key=lambda moment: abs(moment.time_s - time_s), default=None)
+            reached = nearest is not None and abs(nearest.time_s - time_s) <= self.reach_s + 1e-6
+            return nearest.sources if nearest is not None and reached else ()
+        before, after = around
+        share = (time_s - before.time_s) / (after.time_s - before.time_s)
+        nearer, other = (before, after) if share < 0.5 else (after, before)
+        others = {source.name: source for source in other.sources}
+        weight = min(share, 1 - share)
+        return tuple(_between(source, others.get(source.name), weight) for source in nearer.sources)
+
+
+def _between(near: NamedSource, far: NamedSource | None, weight: float) -> NamedSource:
+    """``near`` moved towards ``far`` by a share of the way, along the shorter arc."""
+    if far is None:
+        return near
+    turn = float(wrap_angle(far.azimuth - near.azimuth))
+    if abs(turn) > MAX_TURN:
+        return near
+    return NamedSource(
+        near.name,
+        float(wrap_angle(near.azimuth + weight * turn)),
+        (1 - weight) * near.azimuth_std + weight * far.azimuth_std,
+        (1 - weight) * near.level + weight * far.level,
+    )
+
+
+def timeline_of_windows(windows: Sequence[WindowDetections], hop_s: float, reach_s: float) -> Timeline:
+    """Every window on its own; a source's name is the number of its source class."""
+    moments = tuple(
+        Moment(
+            window.time_s,
+            tuple(NamedSource(s.source_class, s.azimuth, s.azimuth_std, s.level) for s in window.sources),
+        )
+        for window in windows
+    )
+    return Timeline(moments, hop_s, reach_s)
+
+
+def timeline_of_tracks(
+    windows: Sequence[WindowDetections], tracks: Sequence[Track], hop_s: float, reach_s: float
+) -> Timeline:
+    """Windows as their tracks explain them; a source's name is the number of its track.
+
+    Args:
+        windows: what was tracked.
+        tracks: what :func:`avssl_pyro.inference.tracking.track` made of it.
+    """
+    moments = tuple(
+        Moment(window.time_s, tuple(NamedSource(s.track_id, s.azimuth, s.azimuth_std, s.level) for s in sources))
+        for window, sources in zip(windows, tracked_sources(windows, tracks), strict=True)
+    )
+    return Timeline(moments, hop_s, reach_s)

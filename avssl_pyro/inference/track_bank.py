@@ -1,0 +1,154 @@
+"""Several sources at once: one chain each, which share the detections of a window by what every chain expects."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
+from avssl_pyro.inference.track_chain import Array, Belief, Step, newborn, observe, predict
+from avssl_pyro.models.detection import DetectionModel
+from avssl_pyro.models.track_prior import TrackPrior, TrackTables
+
+# A source that is less likely than this to be there is given up.
+LEAST_PRESENCE = 1e-3
+HEARD = 0.5
+
+
+@dataclass(eq=False)
+class Chain:
+    """A source, or what may turn out to be clutter.
+
+    Args:
+        first: index of its first window.
+        steps: its windows from there on.
+        shares_tnd: per window, the probability that detection n is this source's, if it sounds in direction d, (N, D).
+        born_s: when it began.
+        heard_s: when it was last heard.
+        beside: index of the window since when it is beside an older chain, and when that was.
+    """
+
+    first: int
+    steps: list[Step]
+    shares_tnd: list[npt.NDArray[np.float32]]
+    born_s: float
+    heard_s: float
+    beside: tuple[int, float] | None = None
+
+    @property
+    def belief(self) -> Belief:
+        return self.steps[-1].filtered
+
+    def cut(self, before: int) -> None:
+        """Forgets the windows from index ``before`` on."""
+        kept = max(before - self.first, 0)
+        del self.steps[kept:], self.shares_tnd[kept:]
+
+    def trim(self, to: int) -> None:
+        """Forgets the windows before index ``to``."""
+        gone = min(max(to - self.first, 0), len(self.steps) - 1)
+        del self.steps[:gone], self.shares_tnd[:gone]
+        self.first += gone
+
+
+@dataclass(frozen=True)
+class BankConfig:
+    """When sources end.
+
+    Args:
+        memory_s: a source that was not heard for so long is forgotten; who speaks there later is somebody new.
+        merge_deg, merge_s: two sources closer than this for longer than that are one, and so is one that begins so
+            close to another. Talkers who pass each other are close for a shorter time.
+    """
+
+    memory_s: float = 2.5
+    merge_deg: float = 8.0
+    merge_s: float = 2.0
+
+
+class TrackBank:
+    """The forward pass of all chains, window by window.
+
+    What other chains claim of a detection counts as clutter to a chain; one that is likelier to be clutter than any
+    chain's begins a chain of its own. All chains end up in ``ended``.
+
+    Args:
+        grid, prior, detection, config: the model.
+    """
+
+    def __init__(self, grid: DirectionGrid, prior: TrackPrior, detection: DetectionModel, config: BankConfig) -> None:
+        self.grid, self.prior, self.detection, self.config = grid, prior, detection, config
+        self.active: list[Chain] = []
+        self.ended: list[Chain] = []
+        self.num_windows = 0
+        self._tables: dict[int, TrackTables] = {}
+
+    def add(self, time_s: float, step_s: float, azimuth_n: Array, std_n: Array) -> None:
+        """The detections of the next window.
+
+        Args:
+            time_s: when it is.
+            step_s: how long after the window before.
+            azimuth_n, std_n: azimuths and their standard deviations, (N,), radians.
+        """
+        tables = self._tables_of(step_s)
+        density_nd = self.detection.density(self.grid, azimuth_n, std_n)
+        predicted_k = [predict(chain.belief, tables) for chain in self.active]
+        claims_kn = np.zeros((len(self.active), len(azimuth_n)))
+        for k, predicted in enumerate(predicted_k):
+            sounding_d = predicted.sounding_d
+            expected_n = self.detection.found * (density_nd @ sounding_d)
+            claims_kn[k] = self.detection.claims(expected_n, float(sounding_d.sum()))
+        for k, (chain, predicted) in enumerate(zip(self.active, predicted_k, strict=True)):
+            terms_nd = self.detection.ratio_terms(density_nd, np.delete(claims_kn, k, axis=0).sum(0))
+            self._extend(chain, predicted, terms_nd, tables, time_s)
+        claimed_n = claims_kn.sum(0)
+        for n in np.flatnonzero(claimed_n < self.detection.clutter_density):
+            terms_nd = self.detection.ratio_terms(density_nd, claimed_n)
+            terms_nd[np.arange(len(terms_nd)) != n] = 0.0
+            chain = Chain(self.num_windows, [], [], time_s, time_s)
+            self._extend(chain, newborn(tables.birth, self.grid.num_directions), terms_nd, tables, time_s)
+            self.active.append(chain)
+        self._merge(time_s)
+        self._retire(time_s)
+        self.num_windows += 1
+
+    def finish(self) -> None:
+        """Ends all chains."""
+        self.ended += self.active
+        self.active = []
+
+    def _extend(self, chain: Chain, predicted: Belief, terms_nd: Array, tables: TrackTables, time_s: float) -> None:
+        ratio_d = self.detection.missed + terms_nd.sum(0)
+        chain.steps.append(observe(predicted, ratio_d, tables))
+        share_nd = terms_nd / ratio_d
+        chain.shares_tnd.append(share_nd.astype(np.float32))
+        if (share_nd @ chain.belief.sounding_d).sum() > HEARD:
+            chain.heard_s = time_s
+
+    def _merge(self, time_s: float) -> None:
+        azimuths_k = np.array([chain.belief.direction(self.grid)[0] for chain in self.active])
+        sounding_k = np.array([chain.belief.sounding_d.sum() for chain in self.active])
+        for k, chain in enumerate(list(self.active)):
+            apart_j = np.abs(wrap_angle(azimuths_k[:k] - azimuths_k[k]))
+            # A source in a pause does not stand for the one that speaks beside it.
+            if not ((apart_j < np.deg2rad(self.config.merge_deg)) & (sounding_k[:k] > sounding_k[k] / 2)).any():
+                chain.beside = None
+                continue
+            index, since_s = chain.beside = chain.beside or (self.num_windows, time_s)
+            if time_s - since_s > self.config.merge_s or since_s - chain.born_s < self.config.merge_s:
+                self.active.remove(chain)
+                chain.cut(index)
+                self.ended += [chain] if chain.steps else []
+
+    def _retire(self, time_s: float) -> None:
+        for chain in list(self.active):
+            if chain.belief.presence < LEAST_PRESENCE or time_s - chain.heard_s > self.config.memory_s:
+                self.active.remove(chain)
+                self.ended.append(chain)
+
+    def _tables_of(self, step_s: float) -> TrackTables:
+        milliseconds = max(round(step_s * 1000), 1)
+        if milliseconds not in self._tables:
+            self._tables[milliseconds] = self.prior.tables(self.grid, milliseconds / 1000)
+        return self._tables[milliseconds]

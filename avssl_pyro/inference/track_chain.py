@@ -1,0 +1,135 @@
+"""Forward-backward for one source's track: what :mod:`avssl_pyro.models.source_track` enumerates, as array products."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.models.track_prior import MOTION_SIGNS, TrackTables
+
+Array = npt.NDArray[np.float64]
+SILENT, SOUNDING = 0, 1
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A distribution over the states of a track, or a message between them.
+
+    Args:
+        present_had: of a source with motion h, silent or sounding a, in direction d, (3, 2, D).
+        absent: of no source.
+    """
+
+    present_had: Array
+    absent: float
+
+    @property
+    def presence(self) -> float:
+        """Probability that the source is there."""
+        return float(self.present_had.sum())
+
+    @property
+    def sounding_d(self) -> Array:
+        """Probability that it sounds, in every direction, (D,)."""
+        sounding_d: Array = self.present_had[:, SOUNDING].sum(0)
+        return sounding_d
+
+    def direction(self, grid: DirectionGrid) -> tuple[float, float]:
+        """Mean azimuth of the source, if it is there, and its standard deviation, radians."""
+        weight_d = self.present_had.sum((0, 1))
+        mean = complex(weight_d @ np.exp(1j * grid.azimuths)) / max(float(weight_d.sum()), np.finfo(np.float64).tiny)
+        # Of a circular variable, and what the position within a cell adds.
+        variance = -2 * np.log(min(max(abs(mean), 1e-9), 1.0)) + grid.spacing**2 / 12
+        return float(np.angle(mean)), float(np.sqrt(variance))
+
+    @property
+    def total(self) -> float:
+        return float(self.present_had.sum()) + self.absent
+
+    def scaled(self, factor: float) -> "Belief":
+        return Belief(self.present_had * factor, self.absent * factor)
+
+    def times(self, other: "Belief") -> "Belief":
+        """The product of both, made a distribution."""
+        product = Belief(self.present_had * other.present_had, self.absent * other.absent)
+        return product.scaled(1 / product.total)
+
+
+def newborn(birth: float, num_directions: int) -> Belief:
+    """Before anything is heard: a source begins with probability ``birth``, by sounding, anywhere."""
+    present_had = np.zeros((len(MOTION_SIGNS), 2, num_directions))
+    present_had[:, SOUNDING] = birth / (len(MOTION_SIGNS) * num_directions)
+    return Belief(present_had, 1 - birth)
+
+
+def predict(belief: Belief, tables: TrackTables) -> Belief:
+    """The belief one step later."""
+    _, _, d = belief.present_had.shape
+    active_had = tables.activity_aa.T @ belief.present_had
+    turned_had = (tables.motion_hh.T @ active_had.reshape(len(MOTION_SIGNS), -1)).reshape(-1, 2, d)
+    return Belief(
+        tables.survive * (turned_had @ tables.move_hde),
+        belief.absent + (1 - tables.survive) * float(belief.present_had.sum()),
+    )
+
+
+def retrodict(message: Belief, tables: TrackTables) -> Belief:
+    """The transpose of :func:`predict`: what a message about the next window says about this one."""
+    _, _, d = message.present_had.shape
+    moved_had = message.present_had @ tables.move_hde.transpose(0, 2, 1)
+    turned_had = (tables.motion_hh @ moved_had.reshape(len(MOTION_SIGNS), -1)).reshape(-1, 2, d)
+    stays_had = tables.activity_aa @ turned_had
+    return Belief(tables.survive * stays_had + (1 - tables.survive) * message.absent, message.absent)
+
+
+def weigh(belief: Belief, ratio_d: Array) -> Belief:
+    """Multiplies by the likelihood ratio of a window's detections, (D,)."""
+    present_had = belief.present_had.copy()
+    present_had[:, SOUNDING] *= ratio_d
+    return Belief(present_had, belief.absent)
+
+
+@dataclass(frozen=True)
+class Step:
+    """A window a track has been through.
+
+    Args:
+        filtered: belief given the windows so far.
+        ratio_d: likelihood ratio of its detections, (D,).
+        tables: probabilities of the step that led here.
+        norm: probability of its detections given the windows before, relative to clutter.
+    """
+
+    filtered: Belief
+    ratio_d: Array
+    tables: TrackTables
+    norm: float
+
+
+def observe(predicted: Belief, ratio_d: Array, tables: TrackTables) -> Step:
+    """One window of the forward algorithm.
+
+    Args:
+        predicted: :func:`newborn` or :func:`predict`.
+        ratio_d: likelihood ratio of the window's detections, (D,).
+        tables: what ``predicted`` was made with.
+    """
+    weighed = weigh(predicted, ratio_d)
+    return Step(weighed.scaled(1 / weighed.total), ratio_d, tables, weighed.total)
+
+
+def log_evidence(steps: Sequence[Step]) -> float:
+    """Log probability of all detections relative to clutter alone."""
+    return float(sum(np.log(step.norm) for step in steps))
+
+
+def smooth(steps: Sequence[Step]) -> Iterator[Belief]:
+    """Beliefs given all windows (the forward-backward algorithm), from the last window to the first."""
+    belief = steps[-1].filtered
+    message = Belief(np.ones_like(belief.present_had), 1.0)
+    yield belief
+    for step, after in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
+        message = retrodict(weigh(message, after.ratio_d), after.tables).scaled(1 / after.norm)
+        yield step.filtered.times(message)

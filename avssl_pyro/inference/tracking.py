@@ -1,0 +1,201 @@
+"""Links the sources of successive windows: who is the same, who was missed for a moment, who is clutter."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.localization import LocalizedSource
+from avssl_pyro.inference.track_bank import BankConfig, Chain, TrackBank
+from avssl_pyro.inference.track_chain import smooth
+from avssl_pyro.models.detection import DetectionModel
+from avssl_pyro.models.track_prior import TrackPrior
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class WindowDetections:
+    """What was found in one window, at a threshold low enough to miss little.
+
+    Args:
+        time_s: of the window's middle.
+        sources: the detections.
+    """
+
+    time_s: float
+    sources: tuple[LocalizedSource, ...]
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """What is assumed of sources and detections, and what counts as a source.
+
+    Args:
+        prior: how sources move, pause, come and go.
+        detection: how often they are found, and how much is found that is none.
+        bank: when sources end.
+        num_directions: directions D of the tracks' grid; a coarse one lets sources rush, cell by cell.
+        confirm: least probability that a track is a source, given all that was seen of it.
+        sounding: least probability that it sounds in a window, to be reported there.
+    """
+
+    prior: TrackPrior = field(default_factory=TrackPrior)
+    detection: DetectionModel = field(default_factory=DetectionModel)
+    bank: BankConfig = field(default_factory=BankConfig)
+    num_directions: int = 144
+    confirm: float = 0.9
+    sounding: float = 0.5
+
+    @property
+    def grid(self) -> DirectionGrid:
+        return DirectionGrid(self.num_directions)
+
+    def new_bank(self) -> TrackBank:
+        return TrackBank(self.grid, self.prior, self.detection, self.bank)
+
+
+@dataclass(frozen=True)
+class Track:
+    """One source, from the window it is first heard in to the last, pauses included; T windows.
+
+    Args:
+        id: of the source, counted from 0 in the order of their beginnings.
+        times_s: of its windows, (T,).
+        azimuths: posterior mean, (T,), radians.
+        azimuth_stds: posterior standard deviation, (T,), radians.
+        levels: mixing level, (T,); where the source was not detected, between those before and after.
+        presence: posterior probability that the source is there, (T,).
+        sounding: posterior probability that it sounds, (T,).
+    """
+
+    id: int
+    times_s: Array
+    azimuths: Array
+    azimuth_stds: Array
+    levels: Array
+    presence: Array
+    sounding: Array
+
+    @property
+    def start_s(self) -> float:
+        return float(self.times_s[0])
+
+    @property
+    def end_s(self) -> float:
+        return float(self.times_s[-1])
+
+
+@dataclass(frozen=True)
+class TrackedSource:
+    """A source that sounds in a window; angles in radians.
+
+    Args:
+        track_id: of its track.
+        azimuth, azimuth_std: posterior mean and standard deviation.
+        level: mixing level.
+    """
+
+    track_id: int
+    azimuth: float
+    azimuth_std: float
+    level: float
+
+
+def track(windows: Sequence[WindowDetections], config: TrackingConfig | None = None) -> tuple[Track, ...]:
+    """The sources of a recording, in the order of their beginnings, each given all windows.
+
+    Args:
+        windows: in order of time.
+        config: the model; by default that of talkers in a room.
+
+    Raises:
+        InputError: times do not rise, or something is not a finite number.
+    """
+    config = config or TrackingConfig()
+    check_windows(windows)
+    times_s = np.array([window.time_s for window in windows])
+    steps_s = np.diff(times_s)
+    usual_s = float(np.median(steps_s)) if len(steps_s) else 1.0
+    bank = config.new_bank()
+    for window, step_s in zip(windows, [usual_s, *steps_s], strict=False):
+        add_window(bank, window, float(step_s))
+    bank.finish()
+    tracks = [_track_of(chain, windows, config) for chain in sorted(bank.ended, key=lambda chain: chain.first)]
+    confirmed = [track for track in tracks if track is not None]
+    return tuple(Track(number, *columns) for number, columns in enumerate(confirmed))
+
+
+def tracked_sources(
+    windows: Sequence[WindowDetections], tracks: Sequence[Track], config: TrackingConfig | None = None
+) -> tuple[tuple[TrackedSource, ...], ...]:
+    """For every window, the tracks that sound in it, loudest first.
+
+    Args:
+        windows, config: those of :func:`track`.
+        tracks: its result.
+    """
+    least = (config or TrackingConfig()).sounding
+    index_of = {window.time_s: t for t, window in enumerate(windows)}
+    sources: list[list[TrackedSource]] = [[] for _ in windows]
+    for one in tracks:
+        for time_s, azimuth, std, level, sounding in zip(
+            one.times_s, one.azimuths, one.azimuth_stds, one.levels, one.sounding, strict=True
+        ):
+            if sounding >= least:
+                sources[index_of[float(time_s)]].append(TrackedSource(one.id, float(azimuth), float(std), float(level)))
+    return tuple(tuple(sorted(found, key=lambda source: -source.level)) for found in sources)
+
+
+def check_windows(windows: Sequence[WindowDetections]) -> None:
+    """Raises InputError where :func:`track` could not make sense of its input."""
+    for t, window in enumerate(windows):
+        if not np.isfinite(window.time_s) or (t and window.time_s <= windows[t - 1].time_s):
+            raise InputError(
+                f"tracking: window {t} is at {window.time_s} s; the times of windows must be finite and rise."
+            )
+        for source in window.sources:
+            if not np.isfinite([source.azimuth, source.azimuth_std, source.level]).all() or source.azimuth_std < 0:
+                raise InputError(
+                    f"tracking: the window at {window.time_s} s has a source with azimuth {source.azimuth} rad, "
+                    f"standard deviation {source.azimuth_std} and level {source.level}; finite numbers are needed."
+                )
+
+
+def add_window(bank: TrackBank, window: WindowDetections, step_s: float) -> None:
+    """Puts a window into a bank."""
+    azimuth_n = np.array([source.azimuth for source in window.sources], dtype=np.float64)
+    std_n = np.array([source.azimuth_std for source in window.sources], dtype=np.float64)
+    bank.add(window.time_s, step_s, azimuth_n, std_n)
+
+
+def _track_of(
+    chain: Chain, windows: Sequence[WindowDetections], config: TrackingConfig
+) -> tuple[Array, Array, Array, Array, Array, Array] | None:
+    """The columns of a chain's track; None if it is clutter."""
+    grid, num = config.grid, len(chain.steps)
+    presence, sounding, azimuths, stds = (np.zeros(num) for _ in range(4))
+    levels = np.full(num, np.nan)
+    for t, belief in zip(reversed(range(num)), smooth(chain.steps), strict=True):
+        presence[t], sounding[t] = belief.presence, belief.sounding_d.sum()
+        azimuths[t], stds[t] = belief.direction(grid)
+        levels[t] = heard_level(windows[chain.first + t], chain.shares_tnd[t] @ belief.sounding_d)
+    heard = np.flatnonzero(np.isfinite(levels))
+    loud = np.flatnonzero(sounding >= config.sounding)
+    if presence[0] < config.confirm or not len(heard) or not len(loud):
+        return None
+    end = int(loud[-1]) + 1
+    levels = np.interp(np.arange(num), heard, levels[heard])
+    times_s = np.array([windows[chain.first + t].time_s for t in range(num)])
+    return times_s[:end], azimuths[:end], stds[:end], levels[:end], presence[:end], sounding[:end]
+
+
+def heard_level(window: WindowDetections, weight_n: npt.NDArray[np.floating]) -> float:
+    """Level of the detections that are a source's with probabilities ``weight_n``; NaN if it was not detected."""
+    total = float(weight_n.sum())
+    if total < 0.5:
+        return float("nan")
+    return float(weight_n @ np.array([source.level for source in window.sources])) / total

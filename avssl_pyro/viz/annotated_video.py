@@ -1,0 +1,76 @@
+"""A recording's video with its sounding objects drawn in, and its sound."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.data.recording import Recording
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.timeline import Timeline
+from avssl_pyro.viz.frame_annotator import AnnotationStyle, FrameAnnotator
+from avssl_pyro.viz.video_writer import SoundTrack, open_video
+
+# Sound is made up to the time of the last frame only, in pieces of this length.
+BLOCK_S = 1.0
+
+
+def save_annotated_video(
+    path: Path,
+    recording: Recording,
+    timeline: Timeline,
+    array: MicrophoneArray,
+    *,
+    show_spread: bool = False,
+    on_frame: Callable[[float], None] = lambda _time_s: None,
+) -> None:
+    """Writes every frame of a recording at its own time, with what sounds then.
+
+    The frames are the camera's own, neither turned nor mirrored; markers and ruler follow the recording's yaw and
+    mirror instead. One ear hears the leftmost microphone, the other the rightmost.
+
+    Args:
+        path: the video, see :func:`avssl_pyro.viz.video_writer.open_video`.
+        recording: with video.
+        timeline: its sources.
+        array: that recorded it.
+        show_spread: show standard deviations.
+        on_frame: called with the time of every frame, seconds; what it raises ends the work and leaves no file.
+
+    Raises:
+        InputError: the recording has no video, or see :func:`avssl_pyro.viz.video_writer.open_video`.
+        OSError: the file cannot be written; nothing is left behind.
+    """
+    video = recording.video
+    if video is None:
+        raise InputError(f"{path}: recording '{recording.name}' has no video to draw on.")
+    style = AnnotationStyle(float(np.deg2rad(recording.yaw_deg)), recording.mirror, show_spread)
+    annotator = FrameAnnotator(video.height, video.width, timeline, style)
+    sound = SoundTrack(SAMPLE_RATE, _sound(recording, stereo_pair(array)))
+    with open_video(path, annotator.width, annotator.height, video.mean_frame_rate, sound) as out:
+        for time_s, frame_ijc in video:
+            out.write(annotator.draw(frame_ijc, time_s), time_s)
+            on_frame(time_s)
+
+
+def stereo_pair(array: MicrophoneArray) -> tuple[int, int]:
+    """The leftmost and the rightmost microphone; the first one twice where none is further left than another.
+
+    Sums of more microphones would lose treble: they hear the same sound at different times.
+    """
+    left_m = array.positions[:, 1]
+    return (int(left_m.argmax()), int(left_m.argmin())) if left_m.size else (0, 0)
+
+
+def _sound(recording: Recording, pair: tuple[int, int]) -> Iterator[npt.NDArray[np.float32]]:
+    """Left and right ear from the time of the first frame on, (2, N) each; silence where the audio begins later."""
+    if recording.start_s > 0:
+        yield np.zeros((2, round(recording.start_s * SAMPLE_RATE)), np.float32)
+    time_s = recording.start_s
+    while time_s < recording.end_s:
+        audio_mn = recording.audio_at(time_s, min(BLOCK_S, recording.end_s - time_s))
+        yield np.clip(audio_mn[list(pair)], -1.0, 1.0)
+        time_s += BLOCK_S

@@ -1,0 +1,180 @@
+"""A frame of an annotated video: the camera's picture with its sounding objects, and the compass strip below."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from avssl_pyro.inference.timeline import NamedSource, Timeline
+from avssl_pyro.viz.canvas import BoxSize, Canvas, place_boxes
+from avssl_pyro.viz.compass import CompassStrip
+from avssl_pyro.viz.palette import Color, ink_on
+from avssl_pyro.viz.stamp import Lettering, Stamp, rounded_box
+from avssl_pyro.viz.track_colors import track_colors
+
+# Letters need so many columns, and browsers and two cores no more than so many.
+LEAST_WIDTH, MOST_WIDTH = 960, 1920
+# Figures that changed with every frame could not be read.
+LABEL_S = 0.25
+# Labels of some seconds; a forgotten one is only drawn again.
+MOST_STAMPS = 256
+INK: dict[str, Color] = {"black": (0.05, 0.05, 0.05), "white": (1.0, 1.0, 1.0)}
+DARK: Color = (0.06, 0.07, 0.08)
+# A source's column glows this far each way where no spread is shown (radians), and so strongly.
+GLOW, GLOW_OPACITY = np.deg2rad(4.0), 0.3
+
+
+@dataclass(frozen=True)
+class AnnotationStyle:
+    """What an annotated video shows.
+
+    Args:
+        yaw: azimuth of the picture's centre column, as the array counts, radians.
+        mirror: the picture shows the array's left at its right.
+        show_spread: write standard deviations and draw them; leave it out where they mean little.
+    """
+
+    yaw: float = 0.0
+    mirror: bool = False
+    show_spread: bool = False
+
+
+class FrameAnnotator:
+    """Draws frames of one video; everything that meets the picture's edge goes on at the other side.
+
+    Each source has a line, a glow and a labelled box in its own color at its azimuth, and its bar and trail on the
+    compass strip. The label has the number of the source and its mixing level.
+
+    Args:
+        rows, columns: size of the video's frames; those narrower than 960 are enlarged by a whole number, those wider
+            than 1920 made smaller.
+        timeline: the sources.
+        style: what is shown.
+    """
+
+    def __init__(self, rows: int, columns: int, timeline: Timeline, style: AnnotationStyle) -> None:
+        factor = MOST_WIDTH / columns if columns > MOST_WIDTH else max(1, -(-LEAST_WIDTH // columns))
+        # H.264 halves the resolution of colors: both sides must be even.
+        self.width = 2 * round(columns * factor / 2)
+        self._picture_rows = round(rows * factor)
+        self._style = style
+        self._timeline = timeline
+        self._canvas = Canvas(self.width, self._picture_rows, style.yaw, style.mirror)
+        self._colors = track_colors(timeline)
+        self._strip = CompassStrip(self._canvas, timeline, self._colors, style.show_spread)
+        self.height = 2 * -(-(self._picture_rows + self._strip.height) // 2)
+        self._unit = self.width / 1152
+        self._label = Lettering(15 * self._unit, bold=True)
+        self._clock = Lettering(14 * self._unit)
+        self._stamps: dict[tuple[str, Color], Stamp] = {}
+
+    def draw(self, frame_ijc: npt.NDArray[np.uint8], time_s: float) -> npt.NDArray[np.uint8]:
+        """Annotates the frame of a time.
+
+        Args:
+            frame_ijc: RGB, (rows, columns, 3).
+            time_s: seconds from the start of the recording, as the timeline counts.
+
+        Returns:
+            uint8 RGB, (height, width, 3), both even.
+        """
+        page_ijc = np.empty((self.height, self.width, 3), dtype=np.uint8)
+        page_ijc[-1] = 0
+        picture_ijc = page_ijc[: self._picture_rows]
+        if frame_ijc.shape[:2] == picture_ijc.shape[:2]:
+            picture_ijc[:] = frame_ijc
+        else:
+            shrinks = frame_ijc.shape[1] > self.width
+            how = cv2.INTER_AREA if shrinks else cv2.INTER_CUBIC
+            picture_ijc[:] = cv2.resize(frame_ijc, (self.width, self._picture_rows), interpolation=how)
+        sources = self._timeline.at(time_s)
+        self._draw_columns(picture_ijc, sources)
+        self._draw_labels(picture_ijc, sources, time_s)
+        self._draw_clock(picture_ijc, time_s)
+        strip_ijc = page_ijc[self._picture_rows : self._picture_rows + self._strip.height]
+        self._strip.draw(strip_ijc, time_s, sources)
+        return page_ijc
+
+    def _draw_columns(self, picture_ijc: npt.NDArray[np.uint8], sources: Sequence[NamedSource]) -> None:
+        """Glows and lines. They are alike in every row, so each column is mixed with one color by one share."""
+        kept_j = np.ones(self.width, dtype=np.float32)
+        added_jc = np.zeros((self.width, 3), dtype=np.float32)
+
+        def paint(opacity_j: npt.NDArray[np.float32], color: Color) -> None:
+            added_jc[:] = added_jc * (1 - opacity_j[:, None]) + 255 * opacity_j[:, None] * np.asarray(color, np.float32)
+            kept_j[:] *= 1 - opacity_j
+
+        for source in sources:
+            color = self._colors[source.name]
+            distance_j = self._canvas.distances(self._canvas.column(source.azimuth))
+            spread = max(2 * source.azimuth_std, GLOW / 2) if self._style.show_spread else GLOW
+            reach = min(spread, np.pi) / (2 * np.pi) * self.width
+            paint(GLOW_OPACITY * np.clip(1 - (distance_j / reach) ** 2, 0, None), color)
+            half = max(1.0, 0.8 * self._unit)
+            paint(0.45 * np.clip(2 * half + 0.5 - distance_j, 0, 1), DARK)
+            paint(np.clip(half + 0.5 - distance_j, 0, 1), color)
+        # Bytes times 256 fit into sixteen bits, in which pictures are mixed several times faster than in floats.
+        share_jc = np.repeat(np.floor(256 * kept_j)[:, None], 3, axis=1).astype(np.uint16)
+        paint_jc = np.floor(256 * added_jc).astype(np.uint16)
+        touched = np.flatnonzero(kept_j < 1)
+        runs = np.split(touched, np.flatnonzero(np.diff(touched) > 1) + 1) if touched.size else []
+        for run in runs:
+            under_ijc = picture_ijc[:, run[0] : run[-1] + 1]
+            under_ijc[:] = (under_ijc * share_jc[run] + paint_jc[run]) >> 8
+
+    def _draw_labels(self, picture_ijc: npt.NDArray[np.uint8], sources: Sequence[NamedSource], time_s: float) -> None:
+        """Boxes along the upper edge, where a full sphere shows the ceiling; in order of names, so that none jumps."""
+        held = {source.name: source for source in self._timeline.at(time_s // LABEL_S * LABEL_S)}
+        named = sorted(sources, key=lambda source: source.name)
+        stamps = [self._label_stamp(held.get(source.name, source)) for source in named]
+        size = BoxSize(max((stamp.columns for stamp in stamps), default=0), max((s.rows for s in stamps), default=0))
+        anchors = [(self._canvas.column(source.azimuth), 0.0) for source in named]
+        boxes = place_boxes(anchors, self._canvas, size)
+        for stamp, box in zip(stamps, boxes, strict=True):
+            for x in box.centers:
+                stamp.lay_over(picture_ijc, x, box.y)
+
+    def _label_stamp(self, source: NamedSource) -> Stamp:
+        spread = f" ±{np.rad2deg(source.azimuth_std):.0f}°" if self._style.show_spread else ""
+        color = self._colors[source.name]
+        return self._stamp(f"{source.name}: {source.level:.2f}{spread}", color, self._draw_label)
+
+    def _draw_label(self, text: str, color: Color) -> Stamp:
+        """Text in a box of the source's color with a dark edge."""
+        mask_ij, edge = self._label.mask(text), max(1, round(self._unit))
+        rows, columns = mask_ij.shape[0] + round(5 * self._unit), mask_ij.shape[1] + round(14 * self._unit)
+        stamp = Stamp(rows + 2 * edge, columns + 2 * edge)
+        stamp.paint(rounded_box(stamp.rows, stamp.columns, 5 * self._unit), DARK)
+        stamp.paint(rounded_box(rows, columns, 4 * self._unit), color)
+        stamp.paint(mask_ij, INK[ink_on(color)])
+        return stamp
+
+    def _draw_clock(self, picture_ijc: npt.NDArray[np.uint8], time_s: float) -> None:
+        stamp = self._stamp(time_code(time_s), INK["white"], self._draw_time)
+        margin = 8 * self._unit
+        stamp.lay_over(picture_ijc, margin + stamp.columns / 2, self._picture_rows - margin - stamp.rows / 2)
+
+    def _draw_time(self, text: str, color: Color) -> Stamp:
+        mask_ij = self._clock.mask(text)
+        stamp = Stamp(mask_ij.shape[0] + round(4 * self._unit), mask_ij.shape[1] + round(12 * self._unit))
+        stamp.paint(rounded_box(stamp.rows, stamp.columns, 4 * self._unit), DARK, 0.6)
+        stamp.paint(mask_ij, color)
+        return stamp
+
+    def _stamp(self, text: str, color: Color, draw: Callable[[str, Color], Stamp]) -> Stamp:
+        """What ``draw`` makes of a text, kept for the frames that follow."""
+        if len(self._stamps) >= MOST_STAMPS:
+            self._stamps.clear()
+        if (text, color) not in self._stamps:
+            self._stamps[text, color] = draw(text, color)
+        return self._stamps[text, color]
+
+
+def time_code(time_s: float) -> str:
+    """Minutes, seconds and tenths, with hours where there are some."""
+    tenths = max(0, int(time_s * 10 + 1e-6))
+    minutes, seconds = divmod(tenths / 10, 60)
+    hours, minutes = divmod(int(minutes), 60)
+    return f"{hours}:{minutes:02d}:{seconds:04.1f}" if hours else f"{minutes}:{seconds:04.1f}"

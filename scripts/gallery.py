@@ -1,0 +1,7 @@
+"""Pictures in the manner of the paper's Fig. 5; see --help."""
+
+from avssl_pyro.cli.command import run
+from avssl_pyro.cli.gallery import main
+
+if __name__ == "__main__":
+    run(main)

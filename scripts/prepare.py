@@ -1,0 +1,7 @@
+"""Cuts recordings into clips to train on; see --help."""
+
+from avssl_pyro.cli.command import run
+from avssl_pyro.cli.prepare import main
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,148 @@
+"""prepare.py on recordings and STARSS23, and training on what it makes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "data"))
+
+from recorded import write_frames, write_noise, write_video
+
+from avssl_pyro.cli.command import run
+from avssl_pyro.cli.prepare import main
+from avssl_pyro.cli.train import main as train
+from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.data.starss import list_starss
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.checkpoint import load_checkpoint
+
+SCRIPT = Path(__file__).parents[2] / "scripts" / "prepare.py"
+
+
+def fails(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    with pytest.raises(SystemExit) as exit_info:
+        run(lambda: main(arguments))
+    assert exit_info.value.code == 2
+    return capsys.readouterr().err.splitlines()[-1]
+
+
+def test_museum_training_runs_on_clips_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = tmp_path / "in", tmp_path / "out"
+    for name in ("day1", "day2"):
+        write_noise(folder / f"{name}.wav", [0.1, 0.05, 0.2])
+        write_video(folder / f"{name}.mp4", 30)
+    write_noise(folder / "alone.wav", [0.1])
+    main(["--folder", str(folder), "--out", str(out), "--array", "circle4", "--top", "4", "--yaw", "10"])
+    captured = capsys.readouterr()
+    assert f"{out}: 4 clips in 1 shards" in captured.out
+    assert "alone.wav: has no partner" in captured.err
+    small = ["--guide.visual-channels", "4", "8", "--guide.audio-channels", "8", "--optimization.batch-size", "2"]
+    train(
+        ["--preset", "museum", "--data", str(out), "--out", str(tmp_path / "run"), "--optimization.epochs", "1", *small]
+    )
+    config = load_checkpoint(tmp_path / "run" / "checkpoint.safetensors").config
+    assert config.array.name == "circle4"
+    model = config.model
+    assert (model.num_sources, model.alpha, model.sigma, model.diffuse) == (8, 1.0, 1.0, 0.1)
+
+
+def test_museum_without_clips_is_refused() -> None:
+    with pytest.raises(InputError, match=r"preset museum.*wants --data"):
+        train(["--preset", "museum"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "give one of --video with --audio"),
+        (["--video", "v.mp4"], "give both --video and --audio"),
+        (["--folder", "nowhere", "--manifest", "list.csv"], "give one of"),
+        (["--folder", "nowhere"], "nowhere: no such folder"),
+        (["--starss", "nowhere"], "nowhere: no recordings; expected mic_dev/dev-train-sony"),
+        (["--video", "none.mp4", "--audio", "none.wav"], "none.wav: no such audio file"),
+        (["--folder", "x", "--top", "-1"], "--top at least 0"),
+    ],
+)
+def test_bad_options_end_in_one_sentence(
+    arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert words in fails(["--out", str(tmp_path / "out"), "--array", "circle4", *arguments], capsys)
+
+
+def talker_frame() -> np.ndarray:
+    """Somebody at +90 degrees: around column 480 of 1920."""
+    frame_ijc = np.zeros((960, 1920, 3), np.uint8)
+    frame_ijc[460:500, 460:500] = 255
+    return frame_ijc
+
+
+@pytest.fixture
+def starss(tmp_path: Path) -> Path:
+    """Two recordings in STARSS23's format, one in each kind of folder; the second has no video."""
+    root = tmp_path / "STARSS23"
+    names = ("dev-train-sony/fold3_room21_mix013", "dev-train-tau/fold3_room4_mix001")
+    for audio_format in ("mic", "foa"):
+        for name in names:
+            write_noise(root / f"{audio_format}_dev" / f"{name}.wav", [0.1, 0.1], 4, 24_000, "PCM_16")
+    write_frames(root / "video_dev" / f"{names[0]}.mp4", [talker_frame()] * 60, 29.97)
+    labels = root / "metadata_dev" / f"{names[0]}.csv"
+    labels.parent.mkdir(parents=True)
+    lines = [f"{frame},1,0,90,-5,180" for frame in range(10)] + [f"{frame},0,2,88,3,200" for frame in range(8)]
+    labels.write_text("\n".join(lines) + "\n")
+    return root
+
+
+@pytest.mark.parametrize("audio_format", ["mic", "foa"])
+def test_starss_is_read_with_its_labels_and_on_the_right_side(
+    starss: Path, audio_format: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = list_starss(starss, audio_format, "dev-train")
+    assert [(entry.fold, entry.room, entry.mix, entry.video is None) for entry in files] == [
+        (3, 21, 13, False),
+        (3, 4, 1, True),
+    ]
+    out = tmp_path / "out"
+    main(["--starss", str(starss), "--format", audio_format, "--array", "respeaker4", "--out", str(out)])
+    assert "1 of 2 recordings have no video" in capsys.readouterr().err
+    dataset = SceneDataset(out)
+    assert len(dataset) == 2
+    # Rows of one source that two classes claim, two degrees apart, are one direction.
+    assert np.rad2deg(dataset.labels(0).talker_azimuths) == pytest.approx([89.15], abs=0.2)
+    assert dataset.labels(1).talker_azimuths == ()
+    columns_j = dataset[0].image_ijc.mean(axis=(0, 2))
+    azimuth_deg = 180 - 360 * (np.average(np.arange(288), weights=columns_j**2) + 0.5) / 288
+    assert azimuth_deg == pytest.approx(90, abs=2)
+    assert columns_j[:144].sum() > 0.99 * columns_j.sum()
+
+
+def test_starss_videos_may_lie_without_a_folder_between(starss: Path) -> None:
+    video = starss / "video_dev" / "dev-train-sony" / "fold3_room21_mix013.mp4"
+    video.rename(starss / "video_dev" / video.name)
+    assert list_starss(starss, "mic", "dev-train")[0].video == starss / "video_dev" / video.name
+    with pytest.raises(InputError, match="no recordings"):
+        list_starss(starss, "mic", "dev-test")
+    with pytest.raises(InputError, match="has no labels"):
+        list_starss(starss, "mic", "dev-train")[1].read_labels()
+
+
+def test_the_script_tells_bad_input_without_a_traceback(tmp_path: Path) -> None:
+    write_noise(tmp_path / "a.wav", [0.1, 0.1])
+    video = write_video(tmp_path / "a.mp4", 20)
+    video.write_bytes(video.read_bytes()[:2000])
+    command = [
+        sys.executable,
+        str(SCRIPT),
+        "--folder",
+        str(tmp_path),
+        "--out",
+        str(tmp_path / "out"),
+        "--array",
+        "circle4",
+    ]
+    finished = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert finished.returncode == 2
+    assert finished.stderr.count("\n") == 1
+    assert "a.mp4: cannot be read as video; it is truncated" in finished.stderr

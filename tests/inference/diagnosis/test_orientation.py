@@ -1,0 +1,109 @@
+"""Yaw and mirror, with a stand-in for the visual network whose answer is known: it marks colours."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import torch
+from torch import Tensor
+
+from avssl_pyro.acoustics.covariance import template_covariances
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.acoustics.steering import FreeField
+from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.data.clip import Clip
+from avssl_pyro.inference.diagnosis.camera import judge
+from avssl_pyro.inference.diagnosis.finding import Severity
+from avssl_pyro.inference.diagnosis.orientation import Orientation, OrientationSearch, Turn, conclude, turn_picture
+
+ARRAY, CONFIG, NUM_CLIPS, NUM_SAMPLES = PRESETS["circle4"], StftConfig(), 6, 6400
+
+
+class MarksColors:
+    """Log-weights of 6 where a block of columns is saturated red, green or blue, one class a colour; 0 elsewhere."""
+
+    def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
+        saturation_bcij = (image_bcij - image_bcij.mean(1, keepdim=True)).clamp_min(0) * 1.5
+        mu_bkd = 6 * saturation_bcij.mean(2).unflatten(-1, (72, 4)).mean(-1)
+        return torch.cat([mu_bkd, torch.zeros_like(mu_bkd[:, :1])], dim=1), saturation_bcij
+
+    def sigma(self, mu_bkd: Tensor) -> Tensor:
+        return torch.full_like(mu_bkd, 0.3)
+
+
+def scene(rng: np.random.Generator, number: int) -> Clip:
+    """Talkers of sparse noise in free field, each behind a coloured bar; one bar more is somebody silent."""
+    azimuths = rng.permutation(8)[:3] * np.pi / 4 + rng.uniform(0, 0.3) - np.pi
+    frequencies = np.fft.rfftfreq(NUM_SAMPLES, 1 / 16_000)
+    audio_mn = 0.003 * rng.standard_normal((4, NUM_SAMPLES))
+    image_ijc = np.full((88, 288, 3), 128, np.uint8)
+    for color, azimuth in enumerate(azimuths):
+        column = int((np.pi - azimuth) / (2 * np.pi) * 288) + np.arange(-4, 5)
+        image_ijc[:, column % 288] = 255 * np.eye(3, dtype=np.uint8)[color]
+        if color == 2:
+            continue
+        envelope_n = np.repeat(rng.uniform(0, 1, NUM_SAMPLES // 400) ** 3, 400)
+        lead_m = ARRAY.positions @ [np.cos(azimuth), np.sin(azimuth), 0] / ARRAY.speed_of_sound
+        spectrum_f = np.fft.rfft(0.1 * envelope_n * rng.standard_normal(NUM_SAMPLES))
+        turned_mf = spectrum_f * np.exp(2j * np.pi * frequencies * lead_m[:, None])
+        audio_mn += np.fft.irfft(turned_mf, NUM_SAMPLES)
+    return Clip(str(number), audio_mn.astype(np.float32), image_ijc)
+
+
+def seen_by(clip: Clip, yaw_deg: float, mirror: bool) -> Clip:
+    """The clip with the picture of a camera whose centre shows azimuth ``yaw_deg``, and that mirrors or does not."""
+    turned_ijc = np.roll(clip.image_ijc, round(yaw_deg / 360 * 288), axis=1)
+    return Clip(clip.key, clip.audio_mn, np.ascontiguousarray(turned_ijc[:, ::-1] if mirror else turned_ijc))
+
+
+def searcher() -> OrientationSearch:
+    steering_fdm = FreeField(ARRAY)(DirectionGrid(), CONFIG.frequencies).to(torch.complex64)
+    return OrientationSearch(MarksColors(), template_covariances(steering_fdm), CONFIG, diffuse=0.1, prior_sigma=1.0)
+
+
+@pytest.mark.parametrize(("yaw_deg", "mirror"), [(0.0, False), (37.5, False), (-112.5, True)])
+def test_yaw_and_mirror_are_found(yaw_deg: float, mirror: bool) -> None:
+    rng = np.random.default_rng(5)
+    clips = [seen_by(scene(rng, number), yaw_deg, mirror) for number in range(NUM_CLIPS)]
+    found = searcher().search(clips)
+    assert abs((found.yaw_deg - yaw_deg + 180) % 360 - 180) < 4
+    assert found.mirror == mirror
+    assert min(found.yaw_confidence, found.mirror_confidence) > 0.9
+    (finding,) = judge(found, ARRAY)
+    assert finding.severity == (Severity.OK if yaw_deg == 0 else Severity.WARNING)
+    assert ("mirrored" in finding.advice) == mirror
+
+
+def test_turning_back_undoes_the_camera() -> None:
+    rng = np.random.default_rng(1)
+    clip = scene(rng, 0)
+    for yaw_deg, mirror in ((45.0, False), (-20.0, True)):
+        seen = seen_by(clip, yaw_deg, mirror).image_ijc.transpose(2, 0, 1)[None]
+        back_ijc = turn_picture(torch.from_numpy(seen.copy()), Turn(mirror, yaw_deg))[0].permute(1, 2, 0)
+        np.testing.assert_array_equal(back_ijc.numpy(), clip.image_ijc)
+
+
+def table(rng: np.random.Generator, gain: float) -> tuple[list[Turn], npt.NDArray[np.float64]]:
+    turns = [Turn(mirror, float(yaw)) for mirror in (False, True) for yaw in range(-180, 180, 5)]
+    evidence_bh = rng.normal(0, 10, (20, len(turns)))
+    evidence_bh[:, turns.index(Turn(True, 40.0))] += gain
+    return turns, evidence_bh
+
+
+def test_confidence_is_that_of_the_evidence() -> None:
+    rng = np.random.default_rng(2)
+    clear = conclude(*table(rng, gain=40.0))
+    assert (clear.mirror, clear.gain_over_given > 0) == (True, True)
+    assert clear.yaw_deg == pytest.approx(40, abs=2.5)
+    assert clear.yaw_confidence > 0.95
+    guess = conclude(*table(rng, gain=0.0))
+    assert guess.yaw_confidence < 0.9
+    (finding,) = judge(guess, ARRAY)
+    assert finding.severity == Severity.NOTE
+    assert "cannot tell" in finding.message
+
+
+def test_a_line_of_microphones_cannot_tell() -> None:
+    (finding,) = judge(Orientation(90.0, True, 1.0, 1.0, 100.0), PRESETS["circle2"])
+    assert finding.severity == Severity.NOTE
+    assert "both sides of this array sound alike" in finding.message

@@ -1,0 +1,102 @@
+"""Refined posteriors as targets: they find the talkers without labels, and the guide is drawn to them."""
+
+import numpy as np
+import pyro
+import pytest
+import torch
+from torch import Tensor
+
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.acoustics.steering import FreeField
+from avssl_pyro.errors import InputError
+from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss
+from avssl_pyro.inference.terms import RecordingMeanFieldELBO
+from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+from avssl_pyro.networks.audio import AudioNet
+from avssl_pyro.networks.visual import VisualNet
+
+B, D, K, T = 2, 24, 5, 40
+STEERING_FDM = FreeField(PRESETS["circle4"])(DirectionGrid(D), np.linspace(250.0, 4000.0, 16)).to(torch.complex64)
+TRUE_DIRECTIONS = (3, 14)
+
+
+def taught(config: TargetConfig, particles: int = 1, bin_weight: float = 1.0) -> tuple[TaughtLoss, AmortizedGuide]:
+    torch.manual_seed(0)
+    model = SpatialCGMM(STEERING_FDM, num_sources=K, bin_weight=bin_weight)
+    visual = VisualNet(K - 1, D, channels=(4, 4), anchor_gain=2.0)
+    guide = AmortizedGuide(visual, AudioNet(STEERING_FDM, channels=4), diffuse_class=True)
+    estimator = RecordingMeanFieldELBO(particles, max_plate_nesting=1, vectorize_particles=particles > 1)
+    with pyro.settings.context(module_local_params=True):
+        return TaughtLoss(estimator(model, guide), estimator, model, config, diffuse_class=True).eval(), guide
+
+
+@pytest.fixture
+def data() -> tuple[Tensor, Tensor]:
+    torch.manual_seed(1)
+    active = (torch.rand(B, 16, 1, T) < 0.5).float()
+    signal = torch.randn(2, B, 16, 1, T, dtype=torch.complex64)
+    first, second = (STEERING_FDM[:, d, :, None] for d in TRUE_DIRECTIONS)
+    noise = 0.1 * torch.randn(B, 16, 4, T, dtype=torch.complex64)
+    return first * active * signal[0] + second * (1 - active) * signal[1] + noise, torch.rand(B, 3, 32, 48)
+
+
+@pytest.fixture(autouse=True)
+def local_parameters() -> object:
+    with pyro.settings.context(module_local_params=True):
+        yield
+
+
+@pytest.mark.parametrize("bin_weight", [1.0, 4.0])
+def test_without_weight_it_is_the_elbo_per_bin(data: tuple[Tensor, Tensor], bin_weight: float) -> None:
+    module, _ = taught(TargetConfig(), bin_weight=bin_weight)
+    torch.manual_seed(5)
+    loss, cross_entropy = module(*data, 0.0)
+    torch.manual_seed(5)
+    torch.testing.assert_close(loss, module.loss(*data) / (B * 16 * T * bin_weight))
+    assert cross_entropy.item() == 0
+
+
+@pytest.mark.parametrize("particles", [1, 3])
+def test_it_adds_the_cross_entropy_with_its_weight(data: tuple[Tensor, Tensor], particles: int) -> None:
+    module, _ = taught(TargetConfig(), particles)
+    values = {}
+    for weight in (0.0, 0.5):
+        torch.manual_seed(5)
+        values[weight] = module(*data, weight)
+    loss, cross_entropy = values[0.5]
+    torch.testing.assert_close(loss, values[0.0][0] + 0.5 * cross_entropy)
+    assert not cross_entropy.requires_grad
+    # Of a distribution over 25 outcomes, of which most are never the answer.
+    assert 0 < cross_entropy.item() < 10
+
+
+def test_the_guide_learns_where_the_talkers_are(data: tuple[Tensor, Tensor]) -> None:
+    """From the cross-entropy alone, whose targets nobody labelled; the picture is noise, so these clips are learnt."""
+    module, guide = taught(TargetConfig(rounds=10))
+    optimizer = torch.optim.Adam(guide.parameters(), lr=0.03)
+    for _ in range(60):
+        loss, _ = module(*data, 1.0)
+        (elbo, _) = module(*data, 0.0)
+        optimizer.zero_grad()
+        (loss - elbo.detach()).backward()
+        optimizer.step()
+    with torch.no_grad():
+        parameters = guide.parameters_of(*data)
+    level_bk = parameters.concentration_bk / parameters.concentration_bk.sum(-1, keepdim=True)
+    sound_bd = (level_bk[:, None] @ parameters.mu_bkd.softmax(-1)).squeeze(1)
+    near = [d + offset for d in TRUE_DIRECTIONS for offset in (-1, 0, 1)]
+    assert (sound_bd[:, near].sum(-1) > 0.6).all()
+
+
+def test_the_weight_rises_over_the_warmup_and_stays() -> None:
+    config = TargetConfig(weight=0.2, warmup=0.5)
+    assert [config.weight_at(step, 100) for step in (0, 25, 50, 99)] == pytest.approx([0.0, 0.1, 0.2, 0.2])
+    assert TargetConfig(weight=0.2, warmup=0.0).weight_at(1, 100) == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("wrong", [{"weight": -1.0}, {"rounds": 0}, {"smoothing_deg": 0.0}, {"warmup": 2.0}])
+def test_impossible_settings_are_refused_in_a_sentence(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=f"TargetConfig: .*{next(iter(wrong))}"):
+        TargetConfig(**wrong)  # type: ignore[arg-type]
