@@ -84,9 +84,7 @@ def evaluate_with(options: EvaluateOptions) -> None:
     if options.scenes is not None and (options.validation or options.test):
         raise InputError("--scenes brings validation and test scenes of its own; leave out --validation and --test.")
     if options.tables and (options.validation or options.test):
-        raise InputError(
-            "--tables runs both conditions; give --scenes with a folder of each, not --validation, --test."
-        )
+        raise InputError("--tables runs both conditions; give --scenes instead of --validation and --test.")
     line_ups = _line_ups(options)
     if options.tables:
         make_tables(line_ups, partial(labeled_scenes, options), options.out)

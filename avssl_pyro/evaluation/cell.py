@@ -13,7 +13,7 @@ from avssl_pyro.evaluation.experiment import MethodRun, Observations, Runs, Scen
 from avssl_pyro.evaluation.methods import Method, Tuned
 from avssl_pyro.evaluation.posterior_method import PosteriorMethod
 from avssl_pyro.evaluation.talking import levels_of
-from avssl_pyro.inference.localization import LocalizedSource, SourceThresholds, select_sources
+from avssl_pyro.inference.localization import SourceThresholds, select_sources
 
 BELIEVERS = ("amortized", "refined")
 
@@ -65,7 +65,7 @@ def run_cell(
     runs = tune_and_decide(methods, tuning, testing)
     settings = {run.name: run.tuned.setting for run in runs.methods if run.tuned is not None}
     beliefs = tuple(
-        _belief(method, settings[method.name], (tuning, index), (testing, index))
+        _belief(method, settings[method.name], tuning, testing, index)
         for index, method in enumerate(methods)
         if isinstance(method, PosteriorMethod) and method.name in believers
     )
@@ -73,24 +73,18 @@ def run_cell(
 
 
 def _belief(
-    method: PosteriorMethod,
-    setting: SourceThresholds,
-    tuning: tuple[Observations, int],
-    testing: tuple[Observations, int],
+    method: PosteriorMethod, setting: SourceThresholds, tuning: Observations, testing: Observations, index: int
 ) -> Belief:
-    def spread(observed: Observations, index: int) -> SpreadErrors:
-        sources: list[tuple[LocalizedSource, ...]] = [
-            select_sources(posterior, method.grid, setting) for posterior in observed.by_method[index]
-        ]
-        return match_spreads(observed.references, sources)
+    def spread(observed: Observations) -> SpreadErrors:
+        posteriors = observed.by_method[index]
+        return match_spreads(observed.references, [select_sources(p, method.grid, setting) for p in posteriors])
 
     talking: list[float] = []
     silent: list[float] = []
-    observed, index = testing
-    for labels, posterior in zip(observed.labels, observed.by_method[index], strict=True):
+    for labels, posterior in zip(testing.labels, testing.by_method[index], strict=True):
         talking.extend(levels_of(labels.talker_azimuths, posterior, method.grid, setting.peak))
         silent.extend(levels_of(labels.silent_azimuths, posterior, method.grid, setting.peak))
-    return Belief(method.name, spread(*tuning), spread(*testing), tuple(talking), tuple(silent))
+    return Belief(method.name, spread(tuning), spread(testing), tuple(talking), tuple(silent))
 
 
 def cell_to_dict(cell: Cell) -> dict[str, Any]:

@@ -40,6 +40,11 @@ class LineUp:
     jobs: int = 1
     device: str = "cpu"
 
+    @property
+    def blind_refinement(self) -> RefinementConfig:
+        """The same without the picture: it is no prior either, and lobes need no softening as a network's mu does."""
+        return replace(self.refinement, image_weight=0.0, softening=1.0)
+
     def methods(self) -> list[Method[Any, Any]]:
         """All methods, fresh."""
         config = self.system.config
@@ -47,8 +52,7 @@ class LineUp:
         blind = Localizer(
             self.system,
             self.device,
-            # The picture must not come back through the prior.
-            refinement=replace(self.refinement, image_weight=0.0),
+            refinement=self.blind_refinement,
             start=BlindStart(config.model.num_sources, grid),
         )
         localizers = {
@@ -69,5 +73,6 @@ class LineUp:
             "system": fingerprint(self.system),
             "without_audio": fingerprint(self.without_audio),
             "refinement": asdict(self.refinement),
+            "blind_refinement": asdict(self.blind_refinement),
             "baseline_band_hz": list(self.baseline_band_hz),
         }

@@ -13,8 +13,8 @@ from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.cli import evaluate, tables
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.tables import METHOD_ORDER
-from avssl_pyro.inference.checkpoint import save_checkpoint
-from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.inference.checkpoint import load_checkpoint, save_checkpoint
+from avssl_pyro.inference.system import GuideConfig, System, SystemConfig, build_system
 
 SETS = [f"{condition}-{split}" for condition in ("all-speak", "some-silent") for split in ("validation", "test")]
 CONDITIONS, MICROPHONES = ("all-speak", "some-silent"), (2, 4)
@@ -121,6 +121,22 @@ def test_another_setting_is_run_anew(arguments: list[str], run_cell_forbidden: N
         evaluate.main(["3" if word == "2" else word for word in arguments])
 
 
+def test_without_checkpoints_the_shipped_weights_are_compared(
+    arguments: list[str], run_cell_forbidden: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def shipped(name: str) -> System:
+        asked.append(name)
+        return load_checkpoint(save_small(tmp_path / f"{name}.safetensors", name))
+
+    monkeypatch.setattr(evaluate, "load_shipped", shipped)
+    scenes = arguments[arguments.index("--scenes") + 1]
+    with pytest.raises(RuntimeError, match="all-speak M=2 is run again"):
+        evaluate.main(["--tables", "--scenes", scenes, "--out", str(tmp_path / "out")])
+    assert asked == ["circle2", "circle4", "circle6"]
+
+
 def test_a_damaged_cell_is_named(arguments: list[str], tmp_path: Path) -> None:
     out = tmp_path / "out"
     shutil.copytree(arguments[-1], out)
@@ -137,7 +153,6 @@ def test_bad_input_is_told_before_anything_runs(
     checkpoint = arguments[arguments.index("--checkpoint") + 1]
     one = ["--checkpoint", checkpoint]
     for words, message in [
-        (["--tables"], "no system to evaluate; give --checkpoint"),
         (["--tables", *one, *one], "a second checkpoint for 4 microphones"),
         (["--tables", *one, "--test", folder], "give --scenes instead"),
         ([*one, "--scenes", folder, "--test", folder], "leave out --validation and --test"),
