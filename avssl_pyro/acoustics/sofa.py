@@ -27,24 +27,27 @@ def read_sofa(path: Path) -> MeasuredResponses:
         InputError: the file cannot be read, holds other data, values that are not finite, fewer than two receivers, or
             leaves a gap of more than 10 degrees on the horizontal plane.
     """
-    sofa = _open(path)
-    response_dmn = _responses(sofa, path)
-    azimuth_d, elevation_d = _directions(sofa, len(response_dmn), path)
-    # Most files cover the sphere; all but its equator is left out before it is transformed.
-    chosen = _horizontal(azimuth_d, elevation_d, path)
-    response_dmn = response_dmn[chosen]
-    if not np.isfinite(response_dmn).all():
-        raise InputError(f"{path}: some of its responses are not finite numbers; export the measurement again.")
-    transform = _spectra if np.iscomplexobj(response_dmn) else _spectra_of_impulses
+    if not path.is_file():
+        raise InputError(f"{path}: no such SOFA file.")
     try:
-        return MeasuredResponses(azimuth_d[chosen], *transform(sofa, response_dmn, chosen, path))
+        return _measured(_open(path))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
 
 
+def _measured(sofa: Any) -> MeasuredResponses:
+    response_dmn = _responses(sofa)
+    azimuth_d, elevation_d = _directions(sofa, len(response_dmn))
+    # Most files cover the sphere; all but its equator is left out before it is transformed.
+    chosen = _horizontal(azimuth_d, elevation_d)
+    response_dmn = response_dmn[chosen]
+    if not np.isfinite(response_dmn).all():
+        raise InputError("some of its responses are not finite numbers; export the measurement again.")
+    transform = _spectra if np.iscomplexobj(response_dmn) else _spectra_of_impulses
+    return MeasuredResponses(azimuth_d[chosen], *transform(sofa, response_dmn, chosen))
+
+
 def _open(path: Path) -> Any:
-    if not path.is_file():
-        raise InputError(f"{path}: no such SOFA file.")
     # Imported when needed: the library takes as long as all the rest of a small command.
     import sofar  # noqa: PLC0415
 
@@ -53,47 +56,45 @@ def _open(path: Path) -> Any:
     # The library lets whatever its parser meets in a damaged file through.
     except Exception as error:
         problem = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"{path}: cannot be read as a SOFA file ({problem}).") from error
+        raise InputError(f"cannot be read as a SOFA file ({problem}).") from error
     if "SourcePosition" not in vars(sofa) or "GLOBAL_DataType" not in vars(sofa):
-        raise InputError(f"{path}: it names no data type or no source positions; export the measurement again.")
+        raise InputError("it names no data type or no source positions; export the measurement again.")
     return sofa
 
 
-def _numbers(sofa: Any, name: str, path: Path, default: Any = np.nan) -> npt.NDArray[np.float64]:
+def _numbers(sofa: Any, name: str, default: Any = np.nan) -> npt.NDArray[np.float64]:
     try:
         return np.asarray(getattr(sofa, name, default), dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{path}: '{name}' holds other things than numbers; export the measurement again.") from error
+        raise InputError(f"'{name}' holds other things than numbers; export the measurement again.") from error
 
 
-def _responses(sofa: Any, path: Path) -> npt.NDArray[np.inexact[Any]]:
+def _responses(sofa: Any) -> npt.NDArray[np.inexact[Any]]:
     """All responses as they are in the file, (D', M, N): samples, or complex where they are transfer functions."""
     kind = str(sofa.GLOBAL_DataType)
     if kind == "FIR":
-        response_dmn: npt.NDArray[np.inexact[Any]] = _numbers(sofa, "Data_IR", path)
+        response_dmn: npt.NDArray[np.inexact[Any]] = _numbers(sofa, "Data_IR")
     elif kind == "TF":
-        real, imag = _numbers(sofa, "Data_Real", path), _numbers(sofa, "Data_Imag", path)
+        real, imag = _numbers(sofa, "Data_Real"), _numbers(sofa, "Data_Imag")
         if real.shape != imag.shape:
-            raise InputError(f"{path}: real and imaginary parts differ in number; export the measurement again.")
+            raise InputError("real and imaginary parts differ in number; export the measurement again.")
         response_dmn = real + 1j * imag
     else:
-        raise InputError(
-            f"{path}: holds data of type '{kind}'; give impulse responses (FIR) or transfer functions (TF)."
-        )
+        raise InputError(f"holds data of type '{kind}'; give impulse responses (FIR) or transfer functions (TF).")
     shape = response_dmn.shape
     if len(shape) != 3 or not response_dmn.size:
-        raise InputError(f"{path}: its responses have the shape {shape}; (measurements, receivers, samples) is needed.")
+        raise InputError(f"its responses have the shape {shape}; (measurements, receivers, samples) is needed.")
     if shape[1] < 2:
-        raise InputError(f"{path}: it has {shape[1]} receiver; an array has at least two, one for each microphone.")
+        raise InputError(f"it has {shape[1]} receiver; an array has at least two, one for each microphone.")
     return response_dmn
 
 
 Spectra = tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]
 
 
-def _spectra(sofa: Any, transfer_dmn: npt.NDArray[Any], _chosen: npt.NDArray[np.int64], path: Path) -> Spectra:
+def _spectra(sofa: Any, transfer_dmn: npt.NDArray[Any], _chosen: npt.NDArray[np.int64]) -> Spectra:
     """Frequencies of transfer functions in Hz, and these."""
-    frequencies_n = np.atleast_1d(_numbers(sofa, "N", path))
+    frequencies_n = np.atleast_1d(_numbers(sofa, "N"))
     if len(frequencies_n) != transfer_dmn.shape[-1]:
         raise InputError(
             f"it has {len(frequencies_n)} frequencies for transfer functions of {transfer_dmn.shape[-1]} values; "
@@ -104,11 +105,9 @@ def _spectra(sofa: Any, transfer_dmn: npt.NDArray[Any], _chosen: npt.NDArray[np.
     return frequencies_n, transfer_dmn
 
 
-def _spectra_of_impulses(
-    sofa: Any, impulse_dmn: npt.NDArray[Any], chosen: npt.NDArray[np.int64], path: Path
-) -> Spectra:
+def _spectra_of_impulses(sofa: Any, impulse_dmn: npt.NDArray[Any], chosen: npt.NDArray[np.int64]) -> Spectra:
     """Frequencies in Hz, and the transform of the impulse responses at these very frequencies, whatever their rate."""
-    rate = float(_numbers(sofa, "Data_SamplingRate", path).flat[0])
+    rate = float(_numbers(sofa, "Data_SamplingRate").flat[0])
     if not 2 * STEP_HZ <= rate < np.inf:
         raise InputError(f"a sampling rate of {rate:g} Hz cannot be; export the measurement again.")
     count = int(min(TOP_HZ, rate / 2) / STEP_HZ) + 1
@@ -116,7 +115,7 @@ def _spectra_of_impulses(
     spectrum_dmn = scipy.signal.zoom_fft(
         impulse_dmn, [0.0, frequencies_n[-1]], m=count, fs=rate, endpoint=True, axis=-1
     )
-    delay_dm = np.atleast_2d(_numbers(sofa, "Data_Delay", path, default=np.zeros((1, impulse_dmn.shape[1]))))
+    delay_dm = np.atleast_2d(_numbers(sofa, "Data_Delay", default=np.zeros((1, impulse_dmn.shape[1]))))
     rows = len(delay_dm)
     if delay_dm.shape[1:] != impulse_dmn.shape[1:2] or 1 < rows <= chosen.max():
         raise InputError(f"'Data.Delay' has the shape {delay_dm.shape}, which fits no response; export it again.")
@@ -126,21 +125,19 @@ def _spectra_of_impulses(
     return frequencies_n, spectrum_dmn * np.exp(-2j * np.pi * turns_dmn)
 
 
-def _directions(sofa: Any, count: int, path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+def _directions(sofa: Any, count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Azimuth and elevation of the source of every measurement as the listener sees it, (D',), radians."""
-    source_dx = _cartesian(sofa, "SourcePosition", path)
-    listener_dx = _cartesian(sofa, "ListenerPosition", path, (0.0, 0.0, 0.0))
-    front_dx = _unit(_cartesian(sofa, "ListenerView", path, (1.0, 0.0, 0.0)))
-    up_dx = _unit(np.atleast_2d(_numbers(sofa, "ListenerUp", path, (0.0, 0.0, 1.0))))
+    source_dx = _cartesian(sofa, "SourcePosition")
+    listener_dx = _cartesian(sofa, "ListenerPosition", (0.0, 0.0, 0.0))
+    front_dx = _unit(_cartesian(sofa, "ListenerView", (1.0, 0.0, 0.0)))
+    up_dx = _unit(np.atleast_2d(_numbers(sofa, "ListenerUp", (0.0, 0.0, 1.0))))
     parts = (source_dx, listener_dx, front_dx, up_dx)
     if any(part.shape not in {(1, 3), (count, 3)} for part in parts):
-        raise InputError(
-            f"{path}: it has {count} measurements and as many source positions are needed; export it again."
-        )
+        raise InputError(f"it has {count} measurements and as many source positions are needed; export it again.")
     toward_dx = np.broadcast_to(source_dx - listener_dx, (count, 3))
     distance_d = np.linalg.norm(toward_dx, axis=-1)
     if not (np.isfinite(distance_d).all() and distance_d.min() > 0 and all(np.isfinite(part).all() for part in parts)):
-        raise InputError(f"{path}: a source lies where the listener is, or nowhere; directions need finite positions.")
+        raise InputError("a source lies where the listener is, or nowhere; directions need finite positions.")
     left_dx = np.cross(up_dx, front_dx)
     x_d, y_d, z_d = (np.sum(toward_dx * axis_dx, axis=-1) for axis_dx in (front_dx, left_dx, up_dx))
     azimuth_d = np.arctan2(y_d, x_d)
@@ -149,10 +146,10 @@ def _directions(sofa: Any, count: int, path: Path) -> tuple[npt.NDArray[np.float
 
 
 def _cartesian(
-    sofa: Any, name: str, path: Path, default: tuple[float, float, float] = (np.nan, np.nan, np.nan)
+    sofa: Any, name: str, default: tuple[float, float, float] = (np.nan, np.nan, np.nan)
 ) -> npt.NDArray[np.float64]:
     """Rows (x, y, z) of a position or view, whichever coordinates the file gives."""
-    values = np.atleast_2d(_numbers(sofa, name, path, default))
+    values = np.atleast_2d(_numbers(sofa, name, default))
     if values.shape[-1] != 3 or not str(getattr(sofa, f"{name}_Type", "cartesian")).startswith("spherical"):
         return values
     azimuth, elevation = np.deg2rad(values[:, 0]), np.deg2rad(values[:, 1])
@@ -165,9 +162,7 @@ def _unit(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return rows / np.linalg.norm(rows, axis=-1, keepdims=True)
 
 
-def _horizontal(
-    azimuth_d: npt.NDArray[np.float64], elevation_d: npt.NDArray[np.float64], path: Path
-) -> npt.NDArray[np.int64]:
+def _horizontal(azimuth_d: npt.NDArray[np.float64], elevation_d: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
     """Indices of the measurements around the horizontal plane, each azimuth once, by rising azimuth."""
     for limit_deg in ELEVATIONS_DEG:
         (near,) = np.nonzero(np.rad2deg(np.abs(elevation_d)) <= limit_deg)
@@ -180,7 +175,5 @@ def _horizontal(
             if stop - start <= MAX_GAP_DEG + GAP_TOLERANCE_DEG:
                 return chosen
     if not len(chosen):
-        raise InputError(
-            f"{path}: no source within {ELEVATIONS_DEG[-1]:g} degrees of the horizontal plane; measure there."
-        )
+        raise InputError(f"no source within {ELEVATIONS_DEG[-1]:g} degrees of the horizontal plane; measure there.")
     return chosen
