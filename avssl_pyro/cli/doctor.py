@@ -21,11 +21,12 @@ from avssl_pyro.data.files import check_channels, read_image
 from avssl_pyro.data.recording import AudioFile, Recording, VideoFile
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.diagnosis.camera import check_camera
+from avssl_pyro.inference.diagnosis.camera import AS_IT_IS, check_camera
 from avssl_pyro.inference.diagnosis.durations import check_durations
 from avssl_pyro.inference.diagnosis.examination import examine
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity
 from avssl_pyro.inference.diagnosis.lag import check_lag, picture_change, sound_energy
+from avssl_pyro.inference.diagnosis.orientation import Turn
 from avssl_pyro.inference.system import System
 
 EXIT_FINDINGS = 1
@@ -131,7 +132,8 @@ def _camera(
     if system is None:
         return ()
     check_array(system, array, str(options.checkpoint))
-    return check_camera(system, clips, progress=True)
+    given = Turn(options.mirror, options.yaw_deg) if options.data is None else AS_IT_IS
+    return check_camera(system, clips, given, progress=True)
 
 
 def _lag(recording: Recording, video: VideoFile) -> tuple[Finding, ...]:
