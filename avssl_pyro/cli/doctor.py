@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 import tyro
 from tqdm import tqdm
 
@@ -20,11 +21,12 @@ from avssl_pyro.data.files import check_channels, read_image
 from avssl_pyro.data.recording import AudioFile, Recording, VideoFile
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.diagnosis.camera import check_camera
+from avssl_pyro.inference.diagnosis.camera import AS_IT_IS, check_camera
 from avssl_pyro.inference.diagnosis.durations import check_durations
 from avssl_pyro.inference.diagnosis.examination import examine
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity
 from avssl_pyro.inference.diagnosis.lag import check_lag, picture_change, sound_energy
+from avssl_pyro.inference.diagnosis.orientation import Turn
 from avssl_pyro.inference.system import System
 
 EXIT_FINDINGS = 1
@@ -130,25 +132,27 @@ def _camera(
     if system is None:
         return ()
     check_array(system, array, str(options.checkpoint))
-    return check_camera(system, clips, progress=True)
+    given = Turn(options.mirror, options.yaw_deg) if options.data is None else AS_IT_IS
+    return check_camera(system, clips, given, progress=True)
 
 
 def _lag(recording: Recording, video: VideoFile) -> tuple[Finding, ...]:
     """Compares onsets over the first minute that audio and video have in common."""
     start_s, seconds = recording.start_s, min(LAG_SECONDS, recording.duration_s)
-    times_s, images = [], []
+    times_s: list[float] = []
+    images: list[npt.NDArray[np.uint8]] = []
     with tqdm(total=round(seconds), unit="s", desc="watching the video") as bar:
         for time_s, frame_ijc in video:
             if time_s > start_s + seconds:
                 break
-            bar.update(min(round(time_s - start_s), bar.total) - bar.n)
             if time_s >= start_s:
-                small = cv2.resize(frame_ijc, LAG_PICTURE, interpolation=cv2.INTER_AREA)
+                bar.update(min(round(time_s - start_s), bar.total) - bar.n)
                 times_s.append(time_s - start_s)
-                images.append(small)
+                small_ijc = cv2.resize(frame_ijc, LAG_PICTURE, interpolation=cv2.INTER_AREA)
+                images.append(np.asarray(small_ijc, dtype=np.uint8))
     if len(times_s) < 2:
         raise InputError(f"{video.path}: fewer than two frames can be read from {start_s:.1f} s on.")
-    change_t = picture_change(np.array(times_s), np.stack(images).astype(np.uint8), seconds)
+    change_t = picture_change(np.array(times_s), np.stack(images), seconds)
     energy_t = sound_energy(recording.audio_at(start_s, seconds), SAMPLE_RATE)
     return check_lag(energy_t, change_t, recording.offset_s)
 

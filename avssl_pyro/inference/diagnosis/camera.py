@@ -7,18 +7,21 @@ from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity
 from avssl_pyro.inference.diagnosis.geometry import is_mirror_blind
-from avssl_pyro.inference.diagnosis.orientation import Orientation, OrientationSearch
+from avssl_pyro.inference.diagnosis.orientation import Orientation, OrientationSearch, Turn
 from avssl_pyro.inference.system import System
 
 CHECK = "camera"
+AS_IT_IS = Turn(mirror=False, yaw_deg=0.0)
 TOLERATED_DEG = 5.0
 # Less sure than this is no finding.
 LEAST_CONFIDENCE = 0.9
 LEAST_CLIPS = 8
 
 
-def check_camera(system: System, clips: Sequence[Clip], progress: bool = False) -> tuple[Finding, ...]:
-    """Yaw and mirror between camera and array, by a trained system."""
+def check_camera(
+    system: System, clips: Sequence[Clip], given: Turn = AS_IT_IS, progress: bool = False
+) -> tuple[Finding, ...]:
+    """Yaw and mirror between camera and array, by a trained system; the clips' pictures are already turned as given."""
     sounding = [clip for clip in clips if clip.audio_mn.any()]
     if len(sounding) < LEAST_CLIPS:
         found = f"cannot tell how the camera is turned from {len(sounding)} clips: {LEAST_CLIPS} are needed"
@@ -27,11 +30,11 @@ def check_camera(system: System, clips: Sequence[Clip], progress: bool = False) 
     search = OrientationSearch(
         system.guide, template_covariances(config.steering()), config.stft, config.model.diffuse, config.model.sigma
     )
-    return judge(search.search(sounding, progress), config.array)
+    return judge(search.search(sounding, progress), config.array, given)
 
 
-def judge(orientation: Orientation, array: MicrophoneArray) -> tuple[Finding, ...]:
-    """The finding behind an orientation."""
+def judge(orientation: Orientation, array: MicrophoneArray, given: Turn = AS_IT_IS) -> tuple[Finding, ...]:
+    """The finding behind an orientation of pictures that were already turned as given."""
     if is_mirror_blind(array):
         found = "cannot tell whether the picture is mirrored or turned: both sides of this array sound alike"
         return (Finding(CHECK, Severity.NOTE, found, 1.0, "compare camera and array by eye"),)
@@ -43,7 +46,8 @@ def judge(orientation: Orientation, array: MicrophoneArray) -> tuple[Finding, ..
     if not orientation.mirror and abs(yaw_deg) <= TOLERATED_DEG:
         return (Finding(CHECK, Severity.OK, "picture and sound agree: neither turned nor mirrored", confidence),)
     found = f"the picture is {_turned(orientation)} against the array"
-    advice = f"read the recording with a yaw of {yaw_deg:.0f} deg" + (" and mirrored" if orientation.mirror else "")
+    whole = given.then(Turn(orientation.mirror, yaw_deg))
+    advice = f"read the recording with a yaw of {whole.yaw_deg:.0f} deg, {'' if whole.mirror else 'not '}mirrored"
     return (Finding(CHECK, Severity.WARNING, found, confidence, advice),)
 
 

@@ -50,6 +50,11 @@ class Turn:
     mirror: bool
     yaw_deg: float
 
+    def then(self, later: "Turn") -> "Turn":
+        """Both turns in one."""
+        before_deg = -self.yaw_deg if later.mirror else self.yaw_deg
+        return Turn(self.mirror != later.mirror, float(_wrap_deg(before_deg + later.yaw_deg)))
+
 
 @dataclass(frozen=True)
 class Orientation:

@@ -71,7 +71,15 @@ def test_yaw_and_mirror_are_found(yaw_deg: float, mirror: bool) -> None:
     assert min(found.yaw_confidence, found.mirror_confidence) > 0.9
     (finding,) = judge(found, ARRAY)
     assert finding.severity == (Severity.OK if yaw_deg == 0 else Severity.WARNING)
-    assert ("mirrored" in finding.advice) == mirror
+    assert (" deg, mirrored" in finding.advice) == mirror
+
+
+@pytest.mark.parametrize("later", [Turn(False, 35.0), Turn(True, -20.0)])
+@pytest.mark.parametrize("first", [Turn(False, 120.0), Turn(True, 70.0)])
+def test_turns_add_up(first: Turn, later: Turn) -> None:
+    image_bcij = torch.rand(1, 3, 4, 288, generator=torch.Generator().manual_seed(0))
+    one_by_one = turn_picture(turn_picture(image_bcij, first), later)
+    torch.testing.assert_close(turn_picture(image_bcij, first.then(later)), one_by_one)
 
 
 def test_turning_back_undoes_the_camera() -> None:
