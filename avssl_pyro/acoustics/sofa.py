@@ -111,7 +111,7 @@ def _spectra_of_impulses(sofa: Any, impulse_dmn: npt.NDArray[Any], chosen: npt.N
     if not 2 * STEP_HZ <= rate < np.inf:
         raise InputError(f"a sampling rate of {rate:g} Hz cannot be; export the measurement again.")
     count = int(min(TOP_HZ, rate / 2) / STEP_HZ) + 1
-    frequencies_n = STEP_HZ * np.arange(count)
+    frequencies_n = STEP_HZ * np.arange(count, dtype=np.float64)
     spectrum_dmn = scipy.signal.zoom_fft(
         impulse_dmn, [0.0, frequencies_n[-1]], m=count, fs=rate, endpoint=True, axis=-1
     )
@@ -122,7 +122,8 @@ def _spectra_of_impulses(sofa: Any, impulse_dmn: npt.NDArray[Any], chosen: npt.N
     # One row for all measurements, or one for each.
     delay_dm = delay_dm if rows == 1 else delay_dm[chosen]
     turns_dmn = delay_dm[..., None] * frequencies_n / rate
-    return frequencies_n, spectrum_dmn * np.exp(-2j * np.pi * turns_dmn)
+    delayed_dmn: npt.NDArray[np.complex128] = spectrum_dmn * np.exp(-2j * np.pi * turns_dmn)
+    return frequencies_n, delayed_dmn
 
 
 def _directions(sofa: Any, count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

@@ -52,10 +52,10 @@ class DoctorOptions:
     """Preset or YAML file of the array; by default that of --data or --checkpoint."""
     checkpoint: Path | None = None
     """Checkpoint of svi_train.py: finds out how the camera is turned against the array and whether it is mirrored."""
-    offset_s: float = 0.0
-    """Audio time minus video time of the same moment, as far as known."""
-    yaw_deg: float = 0.0
-    """Azimuth, seen from the array, of what the centre of the picture shows, as far as known."""
+    offset: float = 0.0
+    """Seconds that the audio began before the video, as far as known; negative if it began later."""
+    yaw: float = 0.0
+    """Azimuth, in degrees seen from the array, of what the centre of the picture shows, as far as known."""
     mirror: bool = False
     """The picture is known to show left and right exchanged."""
     json: bool = False
@@ -104,8 +104,8 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
         audio.stem,
         file,
         video,
-        options.offset_s,
-        options.yaw_deg,
+        options.offset,
+        options.yaw,
         options.mirror,
         channels=array.channel_indices,
     )
@@ -132,7 +132,7 @@ def _camera(
     if system is None:
         return ()
     check_array(system, array, str(options.checkpoint))
-    given = Turn(options.mirror, options.yaw_deg) if options.data is None else AS_IT_IS
+    given = Turn(options.mirror, options.yaw) if options.data is None else AS_IT_IS
     return check_camera(system, clips, given, progress=True)
 
 

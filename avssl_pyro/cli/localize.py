@@ -94,7 +94,8 @@ def main(args: Sequence[str] | None = None) -> int | None:
     thresholds = SourceThresholds(options.level_threshold, options.peak_threshold)
     if whole:
         audio = _audio_of_recording(options)
-        return localize_recording(options.recording, audio, options.out, localizer, thresholds, options.refine > 0)
+        refined = options.refine > 0
+        return localize_recording(options.recording, audio, options.out, array, localizer, thresholds, refined)
     # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
     for entry in inputs:
         _warn_of_dead_channels(read_clip(entry.image, entry.audio, array), array, entry.audio)

@@ -10,6 +10,7 @@ from typing import Annotated
 import tyro
 from tqdm import tqdm
 
+from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.command import EXIT_INTERRUPTED
 from avssl_pyro.data.dcase import write_dcase
@@ -42,7 +43,7 @@ class RecordingOptions:
     annotated: Path | None = None
     """With --video: the video with its sources drawn in, to be written: .mp4 (H.264) or .webm (VP9)."""
     rate: float | None = None
-    """With --video: results per second, each of one second of sound; by default 10, or 2 with --refine."""
+    """With --video: results per second, each of one second of sound; by default 2, or 10 with --refine 0."""
     tracking: bool = True
     """With --video: link the results over time, so that a source keeps its number and a short miss is bridged."""
     offset: float = 0.0
@@ -53,13 +54,11 @@ class RecordingOptions:
     """With --video: the picture shows left and right exchanged."""
     elevations: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOWEST HIGHEST")] = None
     """With --video: elevations in degrees of the picture's bottom and top, if it is no full sphere."""
-    channels: tuple[int, ...] = ()
-    """With --video: channels of the audio for the microphones, in their order, counted from 0; by default all."""
 
-    @property
-    def placement(self) -> Placement:
+    def placement(self, array: MicrophoneArray) -> Placement:
         """How picture and channels lie to the array."""
-        return Placement(self.offset, self.yaw, self.mirror, self.elevations, self.channels or None)
+        channels = array.channels and array.channel_indices
+        return Placement(self.offset, self.yaw, self.mirror, self.elevations, channels)
 
     def check_unused(self) -> None:
         """Refuses options of recordings where there is none.
@@ -72,7 +71,7 @@ class RecordingOptions:
                 raise InputError(f"--{name} is for whole recordings; give --video with --audio.")
 
 
-def open_recording(options: RecordingOptions, audio: Path, localizer: Localizer) -> Recording:
+def open_recording(options: RecordingOptions, audio: Path, array: MicrophoneArray) -> Recording:
     """The recording that the options name.
 
     Raises:
@@ -81,12 +80,11 @@ def open_recording(options: RecordingOptions, audio: Path, localizer: Localizer)
     """
     if options.video is None:
         raise InputError("a recording has no video; give --video with --audio.")
-    recording = RecordingFiles(options.video, audio, options.placement).open()
-    array = localizer.config.array
+    recording = RecordingFiles(options.video, audio, options.placement(array)).open()
     if recording.num_channels != array.num_microphones:
         raise InputError(
             f"{audio}: {recording.num_channels} channel(s), but array '{array.name}' has {array.num_microphones} "
-            "microphones; give a recording of that array, or name its --channels."
+            "microphones; give a recording of that array, or an array file with the 'channels' of its microphones."
         )
     if recording.duration_s < WINDOW_S:
         raise InputError(
@@ -117,7 +115,13 @@ def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | None])
 
 
 def localize_recording(
-    options: RecordingOptions, audio: Path, out: Path, localizer: Localizer, thresholds: SourceThresholds, refined: bool
+    options: RecordingOptions,
+    audio: Path,
+    out: Path,
+    array: MicrophoneArray,
+    localizer: Localizer,
+    thresholds: SourceThresholds,
+    refined: bool,
 ) -> int:
     """Localizes window by window, links the results, and writes what was asked for.
 
@@ -127,6 +131,7 @@ def localize_recording(
         options: of the recording.
         audio: one channel per microphone.
         out: JSON lines.
+        array: the microphones that recorded; it knows their channels.
         localizer, thresholds: how.
         refined: whether the localizer refines.
 
@@ -139,7 +144,7 @@ def localize_recording(
     rate = options.rate if options.rate is not None else REFINED_RATE if refined else FAST_RATE
     if not 0 < rate <= 100:
         raise InputError(f"--rate is {rate:g}; give a number of results per second, above 0 and up to 100.")
-    recording = open_recording(options, audio, localizer)
+    recording = open_recording(options, audio, array)
     if options.annotated is not None:
         check_video_name(options.annotated)
     check_outputs((out, options.dcase, options.annotated), (audio, options.video))

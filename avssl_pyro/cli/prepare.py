@@ -52,9 +52,6 @@ class PrepareOptions:
     """Which of STARSS23's audio: the microphones or first-order ambisonics."""
     split: Literal["dev-train", "dev-test"] = "dev-train"
     """Which part of STARSS23."""
-    channels: tuple[int, ...] = ()
-    """Channels of the audio for the array's microphones, in their order, counted from 0; by default those that the
-    array's file names, or all."""
     offset: float = 0.0
     """Seconds that the audio began before the video; negative if it began later."""
     yaw: float = 0.0
@@ -98,7 +95,7 @@ def prepare_with(options: PrepareOptions) -> Prepared:
     hop_s = options.clip_seconds if options.hop is None else options.hop
     cutting = CuttingConfig(options.clip_seconds, hop_s, options.top or None)
     splitter = _splitter(options)
-    recordings, labels = _starss(options) if options.starss is not None else (_recordings(options), None)
+    recordings, labels = _starss(options) if options.starss is not None else (_recordings(options, array), None)
     made = prepare(
         options.out,
         unique_names(recordings),
@@ -135,8 +132,10 @@ def _splitter(options: PrepareOptions) -> Splitter:
             return NoSplit()
 
 
-def _recordings(options: PrepareOptions) -> list[Recording]:
-    placement = Placement(options.offset, options.yaw, options.mirror, options.elevations, options.channels or None)
+def _recordings(options: PrepareOptions, array: MicrophoneArray) -> list[Recording]:
+    placement = Placement(
+        options.offset, options.yaw, options.mirror, options.elevations, array.channels and array.channel_indices
+    )
     sources = (options.folder, options.manifest, options.video or options.audio)
     if sum(source is not None for source in sources) != 1:
         raise InputError("give one of --video with --audio, --folder, --manifest or --starss.")

@@ -74,7 +74,7 @@ def test_the_picture_of_a_video_is_compared_with_the_sound(tmp_path: Path, capsy
     out = capsys.readouterr().out
     assert re.search(r"warning audio-video offset: the picture comes 0\.(4[4-9]|5\d) s after the sound", out)
     assert re.search(r"read it with an offset of -0\.(4[4-9]|5\d) s", out)
-    assert main([*files, "--offset-s=-0.5"]) == 0
+    assert main([*files, "--offset=-0.5"]) == 0
 
 
 @pytest.mark.parametrize(

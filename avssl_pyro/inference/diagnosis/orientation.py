@@ -185,4 +185,6 @@ def _parabola(
 
 def _wrap_deg(angle_deg: npt.ArrayLike) -> npt.NDArray[np.float64]:
     # Rounded, so that equal turns are equal numbers.
-    return np.round(np.rad2deg(wrap_angle(np.deg2rad(np.asarray(angle_deg, dtype=np.float64)))), 6)
+    wrapped = wrap_angle(np.deg2rad(np.asarray(angle_deg, dtype=np.float64)))
+    rounded: npt.NDArray[np.float64] = np.round(np.degrees(wrapped), 6)
+    return rounded
