@@ -186,5 +186,5 @@ def _parabola(
 def _wrap_deg(angle_deg: npt.ArrayLike) -> npt.NDArray[np.float64]:
     # Rounded, so that equal turns are equal numbers.
     wrapped = wrap_angle(np.deg2rad(np.asarray(angle_deg, dtype=np.float64)))
-    rounded: npt.NDArray[np.float64] = np.round(np.degrees(wrapped), 6)
+    rounded: npt.NDArray[np.float64] = np.round(wrapped * (180.0 / np.pi), 6)
     return rounded
