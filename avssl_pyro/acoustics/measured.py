@@ -1,6 +1,7 @@
 """Steering vectors from responses of the array that were measured in many horizontal directions."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -34,7 +35,7 @@ class MeasuredResponses:
 
     azimuths_d: npt.NDArray[np.float64]
     frequencies_n: npt.NDArray[np.float64]
-    response_dmn: npt.NDArray[np.complexfloating]
+    response_dmn: npt.NDArray[np.complexfloating[Any, Any]]
 
     def __post_init__(self) -> None:
         start, stop = widest_gap_deg(self.azimuths_d)
@@ -87,8 +88,8 @@ def widest_gap_deg(azimuths_d: npt.NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _between(
-    first_dmf: npt.NDArray[np.complexfloating],
-    second_dmf: npt.NDArray[np.complexfloating],
+    first_dmf: npt.NDArray[np.complexfloating[Any, Any]],
+    second_dmf: npt.NDArray[np.complexfloating[Any, Any]],
     share: npt.NDArray[np.float64],
 ) -> npt.NDArray[np.complex128]:
     """Level and phase that lie the given share of the way from the first to the second, but for a common phase."""

@@ -102,7 +102,7 @@ class AmbisonicsKind:
     normalization: str = "sn3d"
 
     def __post_init__(self) -> None:
-        for name, known in (("order", CHANNEL_ORDERS), ("normalization", NORMALIZATIONS)):
+        for name, known in (("order", tuple(CHANNEL_ORDERS)), ("normalization", tuple(NORMALIZATIONS))):
             if getattr(self, name) not in known:
                 raise InputError(f"steering: {name} is '{getattr(self, name)}'; known are {', '.join(known)}.")
 
