@@ -1,6 +1,7 @@
 """Several sources at once: one chain each, which share the detections of a window by what every chain expects."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,8 @@ from avssl_pyro.models.track_prior import TrackPrior, TrackTables
 # A source that is less likely than this to be there is given up.
 LEAST_PRESENCE = 1e-3
 HEARD = 0.5
+# Transition tables are kept for so many lengths of a step, in whole milliseconds; windows rarely come in more.
+NUM_STEP_LENGTHS = 16
 
 
 @dataclass(eq=False)
@@ -77,11 +80,11 @@ class TrackBank:
     """
 
     def __init__(self, grid: DirectionGrid, prior: TrackPrior, detection: DetectionModel, config: BankConfig) -> None:
-        self.grid, self.prior, self.detection, self.config = grid, prior, detection, config
+        self.grid, self.detection, self.config = grid, detection, config
         self.active: list[Chain] = []
         self.ended: list[Chain] = []
         self.num_windows = 0
-        self._tables: dict[int, TrackTables] = {}
+        self._tables_of = lru_cache(maxsize=NUM_STEP_LENGTHS)(lambda step_ms: prior.tables(grid, step_ms / 1000))
 
     def add(self, time_s: float, step_s: float, azimuth_n: Array, std_n: Array) -> None:
         """The detections of the next window.
@@ -91,7 +94,7 @@ class TrackBank:
             step_s: how long after the window before.
             azimuth_n, std_n: azimuths and their standard deviations, (N,), radians.
         """
-        tables = self._tables_of(step_s)
+        tables = self._tables_of(max(round(step_s * 1000), 1))
         density_nd = self.detection.density(self.grid, azimuth_n, std_n)
         predicted_k = [predict(chain.belief, tables) for chain in self.active]
         claims_kn = np.zeros((len(self.active), len(azimuth_n)))
@@ -146,9 +149,3 @@ class TrackBank:
             if chain.belief.presence < LEAST_PRESENCE or time_s - chain.heard_s > self.config.memory_s:
                 self.active.remove(chain)
                 self.ended.append(chain)
-
-    def _tables_of(self, step_s: float) -> TrackTables:
-        milliseconds = max(round(step_s * 1000), 1)
-        if milliseconds not in self._tables:
-            self._tables[milliseconds] = self.prior.tables(self.grid, milliseconds / 1000)
-        return self._tables[milliseconds]

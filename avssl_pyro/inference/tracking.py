@@ -15,6 +15,7 @@ from avssl_pyro.models.detection import DetectionModel
 from avssl_pyro.models.track_prior import TrackPrior
 
 Array = npt.NDArray[np.float64]
+Columns = tuple[Array, Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -121,12 +122,13 @@ def track(windows: Sequence[WindowDetections], config: TrackingConfig | None = N
     steps_s = np.diff(times_s)
     usual_s = float(np.median(steps_s)) if len(steps_s) else 1.0
     bank = config.new_bank()
+    found: list[Columns] = []
     for window, step_s in zip(windows, [usual_s, *steps_s], strict=False):
         add_window(bank, window, float(step_s))
+        found += _take_ended(bank, windows, config)
     bank.finish()
-    tracks = [_track_of(chain, windows, config) for chain in sorted(bank.ended, key=lambda chain: chain.first)]
-    confirmed = [track for track in tracks if track is not None]
-    return tuple(Track(number, *columns) for number, columns in enumerate(confirmed))
+    found += _take_ended(bank, windows, config)
+    return tuple(Track(number, *columns) for number, columns in enumerate(sorted(found, key=lambda one: one[0][0])))
 
 
 def tracked_sources(
@@ -172,9 +174,14 @@ def add_window(bank: TrackBank, window: WindowDetections, step_s: float) -> None
     bank.add(window.time_s, step_s, azimuth_n, std_n)
 
 
-def _track_of(
-    chain: Chain, windows: Sequence[WindowDetections], config: TrackingConfig
-) -> tuple[Array, Array, Array, Array, Array, Array] | None:
+def _take_ended(bank: TrackBank, windows: Sequence[WindowDetections], config: TrackingConfig) -> list[Columns]:
+    """The tracks of the chains that have ended; the bank forgets them, for their beliefs need much memory."""
+    tracks = [_track_of(chain, windows, config) for chain in bank.ended]
+    bank.ended = []
+    return [track for track in tracks if track is not None]
+
+
+def _track_of(chain: Chain, windows: Sequence[WindowDetections], config: TrackingConfig) -> Columns | None:
     """The columns of a chain's track; None if it is clutter."""
     grid, num = config.grid, len(chain.steps)
     presence, sounding, azimuths, stds = (np.zeros(num) for _ in range(4))
