@@ -1,6 +1,7 @@
 """Checks a recording against its array and its camera before anything is trained on it."""
 
 import json
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,7 @@ from avssl_pyro.inference.diagnosis.examination import examine
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity
 from avssl_pyro.inference.diagnosis.lag import check_lag, picture_change, sound_energy
 from avssl_pyro.inference.diagnosis.orientation import Turn
+from avssl_pyro.inference.pretrained import load_pretrained
 from avssl_pyro.inference.system import System
 
 EXIT_FINDINGS = 1
@@ -51,7 +53,9 @@ class DoctorOptions:
     array: str | None = None
     """Preset or YAML file of the array; by default that of --data or --checkpoint."""
     checkpoint: Path | None = None
-    """Checkpoint of svi_train.py: finds out how the camera is turned against the array and whether it is mirrored."""
+    """Checkpoint of svi_train.py, to find out how the camera is turned against the array and whether it is mirrored."""
+    camera: bool = False
+    """Find that out with the weights that come with the package."""
     offset: float = 0.0
     """Seconds that the audio began before the video, as far as known; negative if it began later."""
     yaw: float = 0.0
@@ -96,6 +100,9 @@ def _examine_shards(folder: Path, options: DoctorOptions, system: System | None)
 def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -> tuple[Finding, ...]:
     if options.video is not None and options.image is not None:
         raise InputError("give either --video or --image, not both.")
+    looks = system is not None or options.camera
+    if looks and options.video is None and options.image is None:
+        raise InputError("to find out how the camera is turned, give --video or --image as well.")
     array = _array(options, system)
     video = None if options.video is None else VideoFile(options.video)
     file = AudioFile(audio)
@@ -113,7 +120,7 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
     if video is not None:
         findings += check_durations(recording.audio.duration_s, recording.audio.sample_rate, video.duration_s)
         findings += _lag(recording, video)
-    if system is not None and (video is not None or options.image is not None):
+    if looks:
         findings += _camera(options, system, array, _clips(recording, options.image))
     return findings
 
@@ -129,9 +136,14 @@ def _array(options: DoctorOptions, system: System | None) -> MicrophoneArray:
 def _camera(
     options: DoctorOptions, system: System | None, array: MicrophoneArray, clips: Sequence[Clip]
 ) -> tuple[Finding, ...]:
-    if system is None:
+    if system is not None:
+        check_array(system, array, str(options.checkpoint))
+    elif options.camera:
+        pretrained = load_pretrained(array)
+        print(pretrained.sentence, file=sys.stderr)
+        system = pretrained.system
+    else:
         return ()
-    check_array(system, array, str(options.checkpoint))
     given = Turn(options.mirror, options.yaw) if options.data is None else AS_IT_IS
     return check_camera(system, clips, given, progress=True)
 

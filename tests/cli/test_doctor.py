@@ -8,11 +8,14 @@ import cv2
 import numpy as np
 import pytest
 import soundfile
+import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.doctor import main
 from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.inference.checkpoint import save_checkpoint
+from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
 
 ARRAY = PRESETS["circle4"]
 
@@ -55,6 +58,19 @@ def test_shards_are_examined_as_the_array_that_is_asked_for(
     assert "front-back ambiguity" in capsys.readouterr().out
 
 
+def test_a_checkpoint_judges_the_camera(scene_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    torch.manual_seed(0)
+    path = tmp_path / "small.safetensors"
+    small = GuideConfig(visual_channels=(4, 8), audio_channels=8)
+    save_checkpoint(path, build_system(SystemConfig(ARRAY, guide=small)))
+    main(["--data", str(scene_folder), "--array", "circle4", "--checkpoint", str(path), "--json"])
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    (camera,) = [finding for finding in findings if finding["check"] == "camera"]
+    # Untrained, it has seen nothing that could make it sure.
+    assert camera["severity"] == "note"
+    assert "cannot tell" in camera["message"]
+
+
 def test_the_picture_of_a_video_is_compared_with_the_sound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rng = np.random.default_rng(4)
     moments_s = np.sort(rng.uniform(2, 14, 12))
@@ -85,6 +101,7 @@ def test_the_picture_of_a_video_is_compared_with_the_sound(tmp_path: Path, capsy
         (["--audio", "talk.wav"], "give --array"),
         (["--audio", "talk.wav", "--array", "circle6"], "4 channel(s), but array 'circle6' has 6"),
         (["--audio", "talk.wav", "--array", "circle4", "--video", "missing.mp4"], "missing.mp4: no such video file"),
+        (["--audio", "talk.wav", "--array", "circle4", "--camera"], "give --video or --image as well"),
         (["--audio", "talk.wav", "--data", "scenes"], "either --data or files"),
     ],
 )
