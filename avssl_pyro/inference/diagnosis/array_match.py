@@ -32,6 +32,8 @@ LEAST_GAIN = 0.004
 LEAST_AGREEMENT = 0.95
 # Delays below this many seconds and scales within this factor are left to temperature, elevation and near talkers.
 LEAST_DELAY_S, LEAST_FACTOR = 4e-5, 1.3
+# Sound from 50 degrees above the horizon makes a flat array seem 1.6 times smaller than it is.
+LEAST_SHRINKAGE = 1.7
 SCALE_STEP, FINE_SCALE_STEP = 1.15, 1.05
 # A channel that agrees so much less with the prediction of the others hears something else.
 DEAF_SHARE = 0.35
@@ -120,7 +122,7 @@ class ArrayMatch:
         proofs = [
             Proof(repair, self._score(*repair.mend(audio_bmn, array)) - before_b)
             for repair in finer
-            if possible(repair, array)
+            if _counts(repair.factor) and possible(repair, array)
         ]
         return max(proofs, key=lambda other: float(other.gain_b.mean()))
 
@@ -149,7 +151,7 @@ class ArrayMatch:
         if num > 2:
             around = pairs.scale(array)
             factors = [around * SCALE_STEP**step for step in range(-2, 4)]
-            candidates += [Rescaling(factor) for factor in factors if max(factor, 1 / factor) > LEAST_FACTOR]
+            candidates += [Rescaling(factor) for factor in factors if _counts(factor)]
         return [repair for repair in candidates if possible(repair, array)]
 
     def _late_groups(self, audio_bmn: Audio, array: MicrophoneArray, pairs: PairDelays) -> list[Delay]:
@@ -167,6 +169,11 @@ class ArrayMatch:
     ) -> Residual:
         longest_s = float(longest_delays(array).max()) if longest_s is None else longest_s
         return self._fit.residual(self._fit.spectrogram(audio_bmn), self._fit.steering(array), heard, longest_s)
+
+
+def _counts(factor: float) -> bool:
+    """Whether a rescaling is one that the sound field does not explain as well."""
+    return factor > LEAST_FACTOR or factor < 1 / LEAST_SHRINKAGE
 
 
 def _suspects(residuals: Sequence[Residual]) -> set[int]:
