@@ -6,12 +6,9 @@ import torch
 from torch import Tensor, nn
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.guides.directions import GuideParameters
 
 # Log-weights of a lobe are this times the cosine of the angle from its centre: broad, but enough to break the symmetry.
 LOBE_HEIGHT = 2.0
-# Standard deviation of log w, that of the model's own prior.
-SIGMA = 1.0
 
 
 class BlindStart(nn.Module):
@@ -35,12 +32,7 @@ class BlindStart(nn.Module):
         self.mu_kd: Tensor
         self.register_buffer("mu_kd", mu_kd, persistent=False)
 
-    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:  # noqa: ARG002
-        """The same parameters for every clip; the activation maps are flat, (B, K, 1, D)."""
-        mu_bkd = self.mu_kd.expand(len(x_bfmt), -1, -1)
-        return GuideParameters(
-            mu_bkd=mu_bkd,
-            sigma_bkd=torch.full_like(mu_bkd, SIGMA),
-            concentration_bk=mu_bkd.new_ones(mu_bkd.shape[:-1]),
-            activation_bkij=torch.zeros_like(mu_bkd)[:, :, None],
-        )
+    def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
+        """The same log-weights for every clip; the activation maps are flat, (B, K, 1, D)."""
+        mu_bkd = self.mu_kd.expand(len(image_bcij), -1, -1)
+        return mu_bkd, torch.zeros_like(mu_bkd)[:, :, None]

@@ -31,11 +31,11 @@ class GuideParameters(NamedTuple):
     activation_bkij: Tensor
 
 
-class PosteriorStart(Protocol):
-    """Anything that gives a posterior to refine: a trained guide, or a rule of thumb. It has to be a torch module."""
+class DirectionStart(Protocol):
+    """Anything that says where to look first: a trained guide, or a rule of thumb. It has to be a torch module."""
 
-    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
-        """Parameters of a batch of clips from their spectrograms, (B, F, M, T), and images, (B, 3, I, J)."""
+    def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
+        """Log-weights mu_bkd and activation maps (B, K, I', J') of images (B, 3, I, J)."""
         ...
 
 

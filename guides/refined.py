@@ -1,7 +1,8 @@
 """The semi-amortised guide: the networks' posterior of a clip, refined on that clip alone.
 
 A single forward pass knows what such pictures and recordings have in common; a few rounds of closed-form ascent of the
-posterior from there fit the one at hand. The networks give the start and, if wanted, a prior that keeps the picture in.
+posterior fit the one at hand. The visual network says where to start and, if wanted, gives a prior that keeps the
+picture in. All classes start at equal levels: one that starts quiet stays quiet, and a talker it alone looks at is lost.
 The standard deviations are lower bounds, see :mod:`avssl_pyro.distributions.ascent`.
 """
 
@@ -19,7 +20,7 @@ from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent, Mixtu
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
-from avssl_pyro.guides.directions import GuideParameters, PosteriorStart
+from avssl_pyro.guides.directions import DirectionStart, GuideParameters
 
 # Twice the closed-form step, until it overshoots for the first time.
 OVERRELAXATION = 2.0
@@ -44,9 +45,9 @@ class RefinementConfig:
         bin_step, frame_step: every how many frequencies and frames are used; neighbours tell nearly the same.
     """
 
-    rounds: int = 20
+    rounds: int = 30
     tolerance: float = 1e-4
-    softening: float = 0.5
+    softening: float = 0.6
     prior_sigma: float = 1.0
     image_weight: float = 0.0
     alpha: float = 0.01
@@ -71,7 +72,7 @@ class RefinedGuide(PyroModule):
         config: how far to go.
     """
 
-    def __init__(self, start: PosteriorStart, steering_fdm: Tensor, config: RefinementConfig) -> None:
+    def __init__(self, start: DirectionStart, steering_fdm: Tensor, config: RefinementConfig) -> None:
         super().__init__()
         self.start = start
         self.config = config
@@ -89,15 +90,16 @@ class RefinedGuide(PyroModule):
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
         """The refined posterior's parameters."""
         config = self.config
-        start = self._with_extra_classes(self.start.parameters_of(x_bfmt, image_bcij))
-        pi_bk = start.concentration_bk / start.concentration_bk.sum(-1, keepdim=True)
-        point = self._climb(self._ascent(x_bfmt, start.mu_bkd), config.softening * start.mu_bkd, pi_bk)
+        mu_bkd, activation_bkij = self.start.log_weights(image_bcij)
+        mu_bkd = F.pad(mu_bkd, (0, 0, 0, config.extra_classes))
+        activation_bkij = F.pad(activation_bkij, (0, 0, 0, 0, 0, config.extra_classes))
+        equal_bk = mu_bkd.new_full(mu_bkd.shape[:-1], 1 / mu_bkd.shape[-2])
+        point = self._climb(self._ascent(x_bfmt, mu_bkd), config.softening * mu_bkd, equal_bk)
         return GuideParameters(
             mu_bkd=point.log_w_bkd,
             sigma_bkd=point.precision_bkd.rsqrt(),
             concentration_bk=point.counts_bk.clamp_min(LEAST_CONCENTRATION),
-            activation_bkij=start.activation_bkij
-            + _over_columns(point.log_w_bkd - start.mu_bkd, start.activation_bkij),
+            activation_bkij=activation_bkij + _over_columns(point.log_w_bkd - mu_bkd, activation_bkij),
         )
 
     def _ascent(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixtureAscent:
@@ -125,18 +127,6 @@ class RefinedGuide(PyroModule):
             if not climbing_b.any():
                 break
         return point
-
-    def _with_extra_classes(self, start: GuideParameters) -> GuideParameters:
-        extra = self.config.extra_classes
-        if not extra:
-            return start
-        mean_b1 = start.concentration_bk.mean(-1, keepdim=True)
-        return GuideParameters(
-            mu_bkd=F.pad(start.mu_bkd, (0, 0, 0, extra)),
-            sigma_bkd=F.pad(start.sigma_bkd, (0, 0, 0, extra), value=1.0),
-            concentration_bk=torch.cat([start.concentration_bk, mean_b1.expand(-1, extra)], dim=-1),
-            activation_bkij=F.pad(start.activation_bkij, (0, 0, 0, 0, 0, extra)),
-        )
 
 
 def _over_columns(change_bkd: Tensor, activation_bkij: Tensor) -> Tensor:

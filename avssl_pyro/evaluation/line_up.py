@@ -25,7 +25,7 @@ class LineUp:
     """Baselines and a trained system on the system's array and grid.
 
     Args:
-        system: whose rows are ``amortized`` and, if it has an audio network, ``refined``.
+        system: whose rows are ``amortized`` and ``refined``.
         without_audio: whose row is ``no-audio-net``, with every mixing level at 1/K.
         refinement: of the rows ``refined`` and ``audio-only refined``; the latter starts without the picture.
         baseline_band_hz: frequencies that the baselines search.
@@ -60,8 +60,7 @@ class LineUp:
             "no-audio-net": Localizer(self.without_audio, self.device, uniform_levels=True),
             "amortized": Localizer(self.system, self.device),
         }
-        if config.guide.audio_net:
-            localizers["refined"] = Localizer(self.system, self.device, refinement=self.refinement)
+        localizers["refined"] = Localizer(self.system, self.device, refinement=self.refinement)
         return [
             *default_baselines(config.array, grid, self.jobs, self.baseline_band_hz),
             *(PosteriorMethod(name, localizer.posteriors, grid) for name, localizer in localizers.items()),

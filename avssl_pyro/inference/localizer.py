@@ -13,7 +13,7 @@ from avssl_pyro.data.batch import collate_clips
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.directions import GuideParameters, PosteriorStart
+from avssl_pyro.guides.directions import DirectionStart, GuideParameters
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.inference.localization import ScenePosterior
@@ -26,7 +26,7 @@ class Localizer:
     """A system ready to localize.
 
     Raises:
-        InputError: refinement is asked of a system without an audio network.
+        InputError: the device cannot be used here.
 
     Args:
         system: model and guide; the guide is put into evaluation mode.
@@ -44,7 +44,7 @@ class Localizer:
         *,
         uniform_levels: bool = False,
         refinement: RefinementConfig | None = None,
-        start: PosteriorStart | None = None,
+        start: DirectionStart | None = None,
         seed: int = 0,
     ) -> None:
         self.config = system.config
@@ -54,10 +54,7 @@ class Localizer:
             raise InputError(f"device '{device}' cannot be used here ({str(error).splitlines()[0]}).") from error
         guide: AmortizedGuide | UniformLevelGuide | RefinedGuide = system.guide
         if refinement is not None:
-            start = system.guide if start is None else start
-            if isinstance(start, UniformLevelGuide):
-                raise InputError("refinement starts at mixing levels; give a checkpoint with an audio network.")
-            guide = RefinedGuide(start, system.config.steering(), refinement)
+            guide = RefinedGuide(start or system.guide, system.config.steering(), refinement)
         self.guide = guide.to(self.device).eval()
         self.uniform_levels = uniform_levels
         self.seed = seed
