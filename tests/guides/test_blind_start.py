@@ -16,16 +16,15 @@ IMAGES = torch.zeros(2, 3, 32, 48)
 
 @pytest.mark.parametrize("num_sources", [1, 2, 5])
 def test_lobes_share_the_circle_and_the_last_class_is_flat(num_sources: int) -> None:
-    start = BlindStart(num_sources, GRID).parameters_of(torch.zeros(2, 4, 4, 8), IMAGES)
-    assert start.mu_bkd.shape == start.sigma_bkd.shape == (2, num_sources, 24)
-    assert start.activation_bkij.shape == (2, num_sources, 1, 24)
-    assert torch.equal(start.concentration_bk, torch.ones(2, num_sources))
+    mu_bkd, activation_bkij = BlindStart(num_sources, GRID).log_weights(IMAGES)
+    assert mu_bkd.shape == (2, num_sources, 24)
+    assert activation_bkij.shape == (2, num_sources, 1, 24)
     lobes = max(num_sources - 1, 1)
-    peaks = GRID.azimuths[start.mu_bkd[0, :lobes].argmax(-1).numpy()]
+    peaks = GRID.azimuths[mu_bkd[0, :lobes].argmax(-1).numpy()]
     for k in range(lobes):
         assert abs(wrap_angle(peaks[k] - 2 * np.pi * k / lobes)) <= GRID.spacing / 2 + 1e-6
     if num_sources > 1:
-        assert start.mu_bkd[0, -1].std() == 0
+        assert mu_bkd[0, -1].std() == 0
 
 
 def test_refinement_from_there_finds_two_talkers_without_looking() -> None:
