@@ -198,7 +198,8 @@ def test_wheel_holds_exactly_the_modules(wheel: Path) -> None:
     expected = {
         path.relative_to(package if path.is_relative_to(package) else ROOT).as_posix() for path in MODULES.values()
     }
-    assert inside == {f"avssl_pyro/{name}" for name in (*expected, "py.typed")}
+    weights = {f"weights/{path.name}" for path in (package / "weights").iterdir()}
+    assert inside == {f"avssl_pyro/{name}" for name in (*expected, *weights, "py.typed")}
 
 
 def test_wheel_works_in_the_checkout_and_elsewhere(wheel: Path, tmp_path: Path) -> None:

@@ -53,7 +53,7 @@ def test_posterior_is_complete() -> None:
     # Never surer than the grid allows.
     assert (posterior.azimuth_std_k >= CONFIG.grid.spacing / np.sqrt(12) - 1e-9).all()
     assert posterior.activations_kij is not None
-    assert posterior.activations_kij.shape == (K, 44, 144)
+    assert posterior.activations_kij.shape == (K, 22, 72)
 
 
 def test_a_batch_is_its_clips_one_by_one() -> None:

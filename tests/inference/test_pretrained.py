@@ -1,0 +1,63 @@
+"""The shipped weights: there, sound, found by geometry, and fitted to arrays that have none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.data.clip import SAMPLE_RATE, Clip
+from avssl_pyro.evaluation.matching import gate_then_assign
+from avssl_pyro.evaluation.metrics import evaluate
+from avssl_pyro.inference.localization import SourceThresholds, select_sources
+from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.inference.pretrained import SHIPPED, load_pretrained
+from avssl_pyro.simulation.scenes import SceneSimulator
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_weights_belong_to_their_array(name: str) -> None:
+    pretrained = load_pretrained(PRESETS[name])
+    assert pretrained.native
+    assert pretrained.trained_with == name
+    assert name in pretrained.sentence
+    assert pretrained.system.config.array.num_microphones == PRESETS[name].num_microphones
+
+
+def test_an_array_is_known_by_its_places_not_its_name() -> None:
+    same = replace(PRESETS["circle4"], name="mine")
+    assert load_pretrained(same).trained_with == "circle4"
+    turned = MicrophoneArray("circle4", PRESETS["circle4"].positions_m[::-1])
+    assert not load_pretrained(turned).native
+
+
+def test_another_array_is_told_what_it_gets() -> None:
+    pretrained = load_pretrained(PRESETS["circle5"])
+    assert not pretrained.native
+    assert "circle5" in pretrained.sentence
+    assert "circle6" in pretrained.sentence
+    assert pretrained.system.config.array == PRESETS["circle5"]
+
+
+@pytest.mark.parametrize(("name", "least"), [("circle6", 0.8), ("circle5", 0.7)])
+def test_they_find_who_talks_in_scenes_of_material_they_never_saw(name: str, least: float) -> None:
+    """Figures and voices made in code, not the photographs and recordings they were trained on."""
+    array = PRESETS[name]
+    simulator = SceneSimulator(seed=7, array=array)
+    scenes = [simulator.render(index) for index in range(12)]
+    system = load_pretrained(array).system
+    posteriors = Localizer(system, refinement=system.refinement()).posteriors([scene.clip for scene in scenes])
+    found = [
+        np.array([source.azimuth for source in select_sources(posterior, system.config.grid, SourceThresholds())])
+        for posterior in posteriors
+    ]
+    scores = evaluate([scene.labels.talker_azimuths for scene in scenes], found, np.deg2rad(10.0), gate_then_assign)
+    assert scores.f_measure > least
+
+
+def test_silence_gives_no_source() -> None:
+    system = load_pretrained(PRESETS["circle2"]).system
+    clip = Clip("silence", np.zeros((2, SAMPLE_RATE), np.float32), np.full((88, 288, 3), 128, np.uint8))
+    (posterior,) = Localizer(system, refinement=system.refinement()).posteriors([clip])
+    assert select_sources(posterior, system.config.grid, SourceThresholds()) == ()
