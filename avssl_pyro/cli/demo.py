@@ -7,13 +7,14 @@ from pathlib import Path
 import tyro
 
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
-from avssl_pyro.cli.gallery import draw
+from avssl_pyro.cli.gallery import overlay_of
 from avssl_pyro.cli.train import PRESETS, train_with
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TEST, default_dataset
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.system import System
 from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig
+from avssl_pyro.viz.png import save_png
 
 
 @dataclass(frozen=True)
@@ -66,4 +67,4 @@ def main(args: Sequence[str] | None = None) -> None:
 def draw_overlays(system: System, dataset: SceneDataset, number: int, folder: Path) -> None:
     """Draws the first ``number`` scenes of a data set with their true azimuths as ``overlay-*.png``."""
     for index in range(min(number, len(dataset))):
-        draw(system, dataset, index, folder / f"overlay-{index}.png")
+        save_png(folder / f"overlay-{index}.png", overlay_of(system, dataset, index))

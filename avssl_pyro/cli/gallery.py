@@ -4,7 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
+import numpy.typing as npt
 import tyro
 
 from avssl_pyro.acoustics.presets import resolve_array
@@ -15,23 +17,30 @@ from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.pretrained import MOST_GENERAL, load_pretrained
 from avssl_pyro.inference.system import System
-from avssl_pyro.viz.overlay import save_overlay
+from avssl_pyro.viz.overlay import draw_overlay
+from avssl_pyro.viz.png import save_png
+
+COLUMN_WIDTH, GAP = 800, 8
+LEAST_DISTANCE_M = 1.0
 
 
 @dataclass(frozen=True)
 class GalleryOptions:
-    """Draw the first scenes of a set in which somebody is silent: three with two talkers and three with three."""
+    """Draw the first scenes of a set in which somebody is silent: some with two talkers, as many with three.
+
+    Scenes with anybody closer than a metre are passed over, so that no face is larger than a few pixels.
+    """
 
     scenes: Path
     """Folder of shards made by simulate.py."""
-    out: Path = Path("runs/gallery")
-    """Folder for talkers2-0.png and so on."""
+    out: Path = Path("runs/gallery.png")
+    """The picture: scenes with two talkers on the left, with three on the right."""
     checkpoint: Path | None = None
     """Checkpoint of svi_train.py; by default the weights that come with the package."""
     array: str = MOST_GENERAL
     """Without --checkpoint: preset or YAML file of the array."""
     each: int = 3
-    """Pictures for each number of talkers."""
+    """Scenes for each number of talkers."""
 
 
 def main(args: Sequence[str] | None = None) -> None:
@@ -41,39 +50,51 @@ def main(args: Sequence[str] | None = None) -> None:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
     options = tyro.cli(GalleryOptions, args=args)
+    if options.out.suffix.lower() != ".png" or options.each < 1:
+        raise InputError(f"--out {options.out} must end in .png, and --each {options.each} be at least 1.")
     if options.checkpoint is None:
         system = load_pretrained(resolve_array(options.array)).system
     else:
         system = load_checkpoint(options.checkpoint)
     dataset = SceneDataset(options.scenes, system.config.array)
-    for talkers in (2, 3):
-        chosen = chosen_scenes(dataset, talkers, options.each)
-        if not chosen:
-            raise InputError(
-                f"{options.scenes}: no scene has {talkers} talkers and a silent person; give other scenes."
-            )
-        for number, index in enumerate(chosen):
-            draw(system, dataset, index, options.out / f"talkers{talkers}-{number}.png")
+    columns = [_column(system, dataset, talkers, options) for talkers in (2, 3)]
+    save_png(options.out, np.concatenate(columns, axis=1))
     print(f"{options.out}: written.")
 
 
+def _column(system: System, dataset: SceneDataset, talkers: int, options: GalleryOptions) -> npt.NDArray[np.uint8]:
+    chosen = chosen_scenes(dataset, talkers, options.each)
+    if len(chosen) < options.each:
+        raise InputError(
+            f"{options.scenes}: only {len(chosen)} scenes have {talkers} talkers, a silent person and nobody close; "
+            "give more scenes."
+        )
+    pictures = []
+    for index in chosen:
+        picture_ijc = overlay_of(system, dataset, index)
+        height = round(picture_ijc.shape[0] * COLUMN_WIDTH / picture_ijc.shape[1])
+        small_ijc = cv2.resize(picture_ijc, (COLUMN_WIDTH, height), interpolation=cv2.INTER_AREA)
+        pictures.append(cv2.copyMakeBorder(small_ijc, 0, GAP, 0, GAP, cv2.BORDER_CONSTANT, value=(255, 255, 255)))
+    return np.concatenate(pictures).astype(np.uint8)
+
+
 def chosen_scenes(dataset: SceneDataset, talkers: int, most: int) -> list[int]:
-    """Indices of the first scenes with so many talkers and at least one silent person."""
+    """Indices of the first scenes with so many talkers, at least one silent person, and nobody closer than a metre."""
     chosen: list[int] = []
     for index in range(len(dataset)):
-        labels = dataset.labels(index)
-        if len(labels.talker_azimuths) == talkers and labels.silent_azimuths:
+        labels, people = dataset.labels(index), dataset.facts(index)["people"]
+        apart = all(person["distance_m"] >= LEAST_DISTANCE_M for person in people)
+        if len(labels.talker_azimuths) == talkers and labels.silent_azimuths and apart:
             chosen.append(index)
         if len(chosen) == most:
             break
     return chosen
 
 
-def draw(system: System, dataset: SceneDataset, index: int, path: Path) -> None:
-    """Draws what the refined posterior says of a scene, with its true azimuths."""
-    localizer = Localizer(system, refinement=system.refinement())
+def overlay_of(system: System, dataset: SceneDataset, index: int) -> npt.NDArray[np.uint8]:
+    """What the refined posterior says of a labelled scene, with its true azimuths, RGB."""
     clip = dataset[index]
-    (posterior,) = localizer.posteriors([clip])
+    (posterior,) = Localizer(system, refinement=system.refinement()).posteriors([clip])
     sources = select_sources(posterior, system.config.grid, SourceThresholds())
     truth = np.array(dataset.labels(index).talker_azimuths)
-    save_overlay(path, clip.image_ijc, posterior, sources, system.config.grid, truth=truth)
+    return draw_overlay(clip.image_ijc, posterior, sources, system.config.grid, truth=truth)
