@@ -1,5 +1,7 @@
 """From the posterior of one clip to a list of sources: where, how loud, how sure."""
 
+import math
+import sys
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -68,12 +70,13 @@ def peak_azimuth(weights_d: npt.NDArray[np.float64], grid: DirectionGrid) -> flo
     The parabola is exact for a peak of Gaussian shape.
     """
     peak = int(weights_d.argmax())
-    neighbors = weights_d[[peak - 1, peak, (peak + 1) % len(weights_d)]]
-    before, top, after = np.log(np.maximum(neighbors, np.finfo(np.float64).tiny))
+    around = (peak - 1, peak, (peak + 1) % len(weights_d))
+    before, top, after = (math.log(max(float(weights_d[d]), sys.float_info.min)) for d in around)
     curvature = 2 * top - before - after
     # The azimuth falls as the index rises; a plateau has its peak anywhere, so take the middle of the block.
     offset = 0.5 * (after - before) / curvature if curvature > 0 else 0.0
-    return float(wrap_angle(grid.azimuths[peak] - offset * grid.spacing))
+    azimuth = math.pi - (peak + 0.5 + offset) * grid.spacing
+    return math.remainder(azimuth, 2 * math.pi)
 
 
 def select_sources(
@@ -102,7 +105,8 @@ def _closest_pair(sources: list[LocalizedSource], within: float) -> tuple[Locali
     """The two sources at the smallest angle, if that is less than ``within`` (radians)."""
 
     def angle(pair: tuple[LocalizedSource, LocalizedSource]) -> float:
-        return abs(float(wrap_angle(pair[0].azimuth - pair[1].azimuth)))
+        # Not by numpy, whose scalars are ten times slower, in what tuning does a million times.
+        return abs(math.remainder(pair[0].azimuth - pair[1].azimuth, 2 * math.pi))
 
     pair = min(combinations(sources, 2), key=angle, default=None)
     return pair if pair is not None and angle(pair) < within else None

@@ -14,7 +14,7 @@ from avssl_pyro.inference.localization import (
 )
 
 GRID = DirectionGrid(72)
-THRESHOLDS = SourceThresholds()
+THRESHOLDS = SourceThresholds(level=0.02)
 
 Array = npt.NDArray[np.float64]
 
@@ -116,7 +116,7 @@ def test_close_classes_are_one_object_between_them(first_deg: float) -> None:
 
 def test_of_two_neighbours_the_closer_one_is_joined_though_the_other_is_louder() -> None:
     beliefs = posterior((2.5, 0.5), (17.5, 0.4), (12.5, 0.05))
-    louder, other = select_sources(beliefs, GRID, SourceThresholds(merge_deg=14.0))
+    louder, other = select_sources(beliefs, GRID, SourceThresholds(level=0.02, merge_deg=14.0))
     assert (louder.source_class, other.source_class) == (0, 1)
     assert (louder.level, other.level) == (0.5, pytest.approx(0.45))
 
@@ -124,7 +124,7 @@ def test_of_two_neighbours_the_closer_one_is_joined_though_the_other_is_louder()
 def test_merging_never_leaves_two_objects_too_close() -> None:
     """The first two merge and so come close to the third."""
     beliefs = posterior((2.5, 0.3), (12.5, 0.3), (22.5, 0.05))
-    (source,) = select_sources(beliefs, GRID, SourceThresholds(merge_deg=15.5))
+    (source,) = select_sources(beliefs, GRID, SourceThresholds(level=0.02, merge_deg=15.5))
     assert source.level == pytest.approx(0.65)
 
 
