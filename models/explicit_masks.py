@@ -84,7 +84,7 @@ class ExplicitMaskCGMM(SpatialCGMM):
         logdet_f1bk = torch.linalg.slogdet(scm_fbkmn).logabsdet[:, None]
         floor_b = RELATIVE_POWER_FLOOR * x_bfmt.abs().square().mean((1, 2, 3))
         x_ftbm = x_bfmt.permute(1, 3, 0, 2)
-        with clip_plate, frame_plate, frequency_plate:
+        with pyro.poutine.scale(scale=self.bin_weight), clip_plate, frame_plate, frequency_plate:
             z_ftb = pyro.sample("mask", dist.Categorical(pi_bk), infer={"enumerate": "parallel"})
             precision = Vindex(precision_f1bkmn)[..., z_ftb, :, :]
             logdet = Vindex(logdet_f1bk)[..., z_ftb]

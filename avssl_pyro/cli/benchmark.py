@@ -172,7 +172,7 @@ def plain_loss(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> Tensor:
     log_pi = pi_bk.clamp_min(torch.finfo(pi_bk.dtype).tiny).log()[:, None, :, None]
     log_likelihood = (log_pi + component_log_likelihood(observe(x_bfmt), scm_bkfmm)).logsumexp(-2).sum()
     kl = kl_log_normal(mu_bkd, sigma_k, sizes.sigma).sum() + kl_dirichlet(concentration_bk, sizes.alpha).sum()
-    return kl - log_likelihood
+    return kl - sizes.bin_weight * log_likelihood
 
 
 def _reading(options: BenchmarkOptions) -> dict[str, float]:

@@ -53,7 +53,9 @@ def main(args: Sequence[str] | None = None) -> None:
     if options.out.suffix.lower() != ".png" or options.each < 1:
         raise InputError(f"--out {options.out} must end in .png, and --each {options.each} be at least 1.")
     if options.checkpoint is None:
-        system = load_pretrained(resolve_array(options.array)).system
+        pretrained = load_pretrained(resolve_array(options.array))
+        print(pretrained.sentence)
+        system = pretrained.system
     else:
         system = load_checkpoint(options.checkpoint)
     dataset = SceneDataset(options.scenes, system.config.array)
@@ -82,7 +84,7 @@ def chosen_scenes(dataset: SceneDataset, talkers: int, most: int) -> list[int]:
     """Indices of the first scenes with so many talkers, at least one silent person, and nobody closer than a metre."""
     chosen: list[int] = []
     for index in range(len(dataset)):
-        labels, people = dataset.labels(index), dataset.facts(index)["people"]
+        labels, people = dataset.labels(index), dataset.facts(index).get("people", ())
         apart = all(person["distance_m"] >= LEAST_DISTANCE_M for person in people)
         if len(labels.talker_azimuths) == talkers and labels.silent_azimuths and apart:
             chosen.append(index)

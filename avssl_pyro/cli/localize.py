@@ -23,12 +23,10 @@ from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.pretrained import load_pretrained
+from avssl_pyro.inference.pretrained import SAME_PLACE_M, load_pretrained
 from avssl_pyro.inference.result import result_dict
 from avssl_pyro.inference.system import System
 from avssl_pyro.viz.overlay import save_overlay
-
-SAME_PLACE_M = 1e-3
 
 
 @dataclass(frozen=True)

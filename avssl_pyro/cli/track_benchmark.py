@@ -17,7 +17,6 @@ from avssl_pyro.evaluation.simulated_detections import DetectorConfig
 from avssl_pyro.evaluation.tracking_experiment import SimulatedRecordings, compare
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores
 from avssl_pyro.guides.blind_start import BlindStart
-from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.system import ModelConfig, SystemConfig, build_system
 from avssl_pyro.inference.tracking import TrackingConfig
@@ -68,7 +67,7 @@ def _simulated(options: TrackBenchmarkOptions) -> SimulatedRecordings:
 def _heard(options: TrackBenchmarkOptions) -> HeardRecordings:
     system = build_system(SystemConfig(resolve_array(options.array), ModelConfig(num_sources=options.classes)))
     start = BlindStart(options.classes, system.config.grid)
-    localizer = Localizer(system, refinement=RefinementConfig(), start=start)
+    localizer = Localizer(system, refinement=system.refinement(softening=1.0), start=start)
     return HeardRecordings(
         localizer, talkers=options.talkers, audio=options.audio, count=options.recordings, seed=options.seed
     )

@@ -57,7 +57,7 @@ class TrainOptions:
     condition: Literal["all-speak", "some-silent"] = "some-silent"
     """Condition of the default set."""
     array: str = "circle6"
-    """Microphone array: a preset (circle2, circle4, circle6, respeaker4) or a YAML file; "data" is the array that the
+    """Microphone array: a preset (docs/arrays.md) or a YAML file; "data" is the array that the
     clips of --data were made with."""
     start_from: Path | None = None
     """Begin with the weights of this checkpoint, of the same networks and perhaps another array."""

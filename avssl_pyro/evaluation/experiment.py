@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.data.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.matching import Matching, gate_then_assign
@@ -170,17 +169,3 @@ def score_runs(
                     )
                 )
     return rows
-
-
-def compare(
-    methods: Sequence[Method[Any, Any]],
-    validation: Iterable[Scene],
-    test: Iterable[Scene],
-    condition: str,
-    array: MicrophoneArray,
-    *,
-    tolerances_deg: Sequence[float] = TOLERANCES_DEG,
-) -> list[ResultRow]:
-    """:func:`run_methods`, tuned at the headline tolerance, then :func:`score_runs`."""
-    runs = run_methods(methods, validation, test)
-    return score_runs(runs, condition, array.num_microphones, tolerances_deg=tolerances_deg)

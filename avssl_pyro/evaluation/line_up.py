@@ -3,9 +3,9 @@
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, default_baselines
+from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, PEAK_SETTINGS, default_baselines
 from avssl_pyro.evaluation.methods import Method
-from avssl_pyro.evaluation.posterior_method import PosteriorMethod
+from avssl_pyro.evaluation.posterior_method import SOURCE_SETTINGS, PosteriorMethod
 from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import fingerprint
@@ -74,4 +74,6 @@ class LineUp:
             "refinement": asdict(self.refinement),
             "blind_refinement": asdict(self.blind_refinement),
             "baseline_band_hz": list(self.baseline_band_hz),
+            "source_settings": [asdict(setting) for setting in SOURCE_SETTINGS],
+            "peak_settings": [asdict(setting) for setting in PEAK_SETTINGS],
         }

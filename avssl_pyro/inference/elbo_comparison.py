@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pyro.settings
 import torch
@@ -85,6 +85,7 @@ def explicit_mask_differences(system: System, x_bfmt: Tensor, image_bcij: Tensor
             system.model.level_prior,
             system.model.direction_prior,
             system.model.diffuse,
+            system.model.bin_weight,
         )
     enumerated = TraceEnum_ELBO(max_plate_nesting=3)(explicit, system.guide)
     marginal = RecordingTraceELBO()(system.model, system.guide)
@@ -112,7 +113,7 @@ def sampled_agreement(
 def _closed_form(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> ClosedFormTerms:
     assert isinstance(system.guide, AmortizedGuide)
     sizes = system.config.model
-    return closed_form_terms(
+    terms = closed_form_terms(
         system.guide,
         system.config.steering(torch.complex128),
         x_bfmt,
@@ -121,6 +122,7 @@ def _closed_form(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> ClosedFo
         prior_sigma=sizes.sigma,
         diffuse=sizes.diffuse,
     )
+    return replace(terms, log_likelihood_b=sizes.bin_weight * terms.log_likelihood_b)
 
 
 def _evaluate(system: System, seed: int, loss: Callable[[], Tensor]) -> tuple[Tensor, dict[str, Tensor]]:

@@ -40,8 +40,8 @@ class SourceThresholds:
         merge_deg: classes closer than this are one object.
     """
 
-    level: float = 0.06
-    peak: float = 0.1
+    level: float = 0.05
+    peak: float = 0.15
     merge_deg: float = 12.0
 
 

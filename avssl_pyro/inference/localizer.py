@@ -1,4 +1,4 @@
-"""Runs a trained system on clips: one forward pass of the guide gives the posterior of each."""
+"""Runs a trained system on clips: a forward pass of the guide, refined clip by clip if asked, gives each posterior."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -54,7 +54,7 @@ class Localizer:
             raise InputError(f"device '{device}' cannot be used here ({str(error).splitlines()[0]}).") from error
         guide: AmortizedGuide | UniformLevelGuide | RefinedGuide = system.guide
         if refinement is not None:
-            guide = RefinedGuide(start or system.guide, system.config.steering(), refinement)
+            guide = RefinedGuide(system.guide if start is None else start, system.config.steering(), refinement)
         self.guide = guide.to(self.device).eval()
         self.uniform_levels = uniform_levels
         self.seed = seed

@@ -47,7 +47,7 @@ def load_pretrained(array: MicrophoneArray) -> Pretrained:
     """The shipped system of an array, or the most general one fitted to its geometry."""
     for name in SHIPPED:
         system = load_shipped(name)
-        if _same_places(system.config.array, array):
+        if _same_array(system.config.array, array):
             return Pretrained(system, name, native=True)
     general = load_shipped(MOST_GENERAL)
     system = build_system(replace(general.config, array=array))
@@ -63,7 +63,9 @@ def load_shipped(name: str) -> System:
         return load_checkpoint(path)
 
 
-def _same_places(trained: MicrophoneArray, array: MicrophoneArray) -> bool:
-    if trained.num_microphones != array.num_microphones:
+def _same_array(trained: MicrophoneArray, array: MicrophoneArray) -> bool:
+    if (trained.steering, trained.speed_of_sound) != (array.steering, array.speed_of_sound):
+        return False
+    if trained.positions.shape != array.positions.shape:
         return False
     return bool(np.linalg.norm(trained.positions - array.positions, axis=-1).max() <= SAME_PLACE_M)

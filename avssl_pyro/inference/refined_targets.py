@@ -23,8 +23,6 @@ from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 # Close to the common overrelaxation of 2, and safe for a fixed number of rounds.
 STRETCH = 1.8
 LEAST_SHARE = 1e-8
-# Added to the expected counts of the classes; next to thousands of bins any small number does.
-LEVEL_PRIOR_ALPHA = 0.01
 
 
 @dataclass(frozen=True)
@@ -67,11 +65,20 @@ class TaughtLoss(nn.Module):
         estimator: the estimator behind it; the guide's posterior is read off its last trace.
         model: the generative model.
         config: what targets are made of.
+        prior_sigma, alpha: of the model's priors of log w and of the mixing levels.
         diffuse_class: the last class is for diffuse noise; what it hears comes from nowhere.
     """
 
     def __init__(
-        self, loss: nn.Module, estimator: Trace_ELBO, model: SpatialCGMM, config: TargetConfig, diffuse_class: bool
+        self,
+        loss: nn.Module,
+        estimator: Trace_ELBO,
+        model: SpatialCGMM,
+        config: TargetConfig,
+        *,
+        prior_sigma: float = 1.0,
+        alpha: float = 0.01,
+        diffuse_class: bool = False,
     ) -> None:
         super().__init__()
         assert isinstance(estimator, RecordsTerms)
@@ -81,6 +88,8 @@ class TaughtLoss(nn.Module):
         # In a tuple, so that the model's parameters are not registered a second time.
         self._model = (model,)
         self._config = config
+        self._prior_sigma = prior_sigma
+        self._alpha = alpha
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor, target_weight: float) -> tuple[Tensor, Tensor]:
         """Loss per time-frequency bin, what is minimised, and the cross-entropy alone (nats per clip, detached)."""
@@ -100,20 +109,19 @@ class TaughtLoss(nn.Module):
         level_posterior: Any = trace.nodes["mixing_levels"]["fn"]
         mu_pbkd = direction_posterior.base_dist.loc
         mu_bkd = mu_pbkd.reshape(-1, *mu_pbkd.shape[-3:])[0]
-        concentration_pbk = level_posterior.concentration
-        level_pbk = concentration_pbk / concentration_pbk.sum(-1, keepdim=True)
+        level_pbk = level_posterior.mean
         pi_bk = level_pbk.reshape(-1, *level_pbk.shape[-2:]).mean(0)
         with torch.autocast(x_bfmt.device.type, enabled=False):
             target_bo = self._targets(x_bfmt[..., :: self._config.frame_step], mu_bkd.detach(), pi_bk.detach())
-        outcome_bo = self._outcomes(mu_bkd.softmax(-1), pi_bk).clamp_min(LEAST_SHARE)
+            outcome_bo = self._outcomes(mu_bkd.softmax(-1), pi_bk).clamp_min(LEAST_SHARE)
         return -(target_bo * outcome_bo.log()).sum(-1).mean()
 
     @torch.no_grad()
     def _targets(self, x_bfmt: Tensor, mu_bkd: Tensor, pi_bk: Tensor) -> Tensor:
         (model,) = self._model
-        prior = LogWeightPrior(torch.zeros_like(mu_bkd), mu_bkd.new_ones(()))
+        prior = LogWeightPrior(torch.zeros_like(mu_bkd), mu_bkd.new_tensor(self._prior_sigma**-2))
         weight = self._config.frame_step * model.bin_weight
-        ascent = MixtureAscent(observe(x_bfmt), model.template_dfmm, model.diffuse, prior, LEVEL_PRIOR_ALPHA, weight)
+        ascent = MixtureAscent(observe(x_bfmt), model.template_dfmm, model.diffuse, prior, self._alpha, weight)
         point = ascent.step(mu_bkd, pi_bk)
         for _ in range(self._config.rounds - 1):
             point = ascent.step(point.log_w_bkd, point.pi_bk, STRETCH)

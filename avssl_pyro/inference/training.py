@@ -49,7 +49,7 @@ class OptimizationConfig:
         weight_decay: of AdamW.
         warmup_steps: steps over which the learning rate rises from 0.
         final_learning_rate: learning rate of the last step as a share of the highest; a cosine leads there.
-        gradient_clip: largest norm of the gradient of the ELBO per time-frequency bin.
+        gradient_clip: largest norm of the gradient of the loss: the ELBO per time-frequency bin and, if any, targets.
         seed: of weights, noise and order.
         num_workers: processes that read ahead, of use to a GPU; 0 reads in the training process, faster on few cores.
         log_every: steps between log records.
@@ -184,10 +184,18 @@ def train(
 def _loss_module(
     system: System, estimator: Trace_ELBO, targets: TargetConfig, config: OptimizationConfig
 ) -> TaughtLoss:
-    diffuse_class = system.config.guide.diffuse_class
     with pyro.settings.context(module_local_params=True):
         elbo = estimator(system.model, system.guide)
-    loss_module = TaughtLoss(elbo, estimator, system.model, targets, diffuse_class).train()
+    sizes, diffuse_class = system.config.model, system.config.guide.diffuse_class
+    loss_module = TaughtLoss(
+        elbo,
+        estimator,
+        system.model,
+        targets,
+        prior_sigma=sizes.sigma,
+        alpha=sizes.alpha,
+        diffuse_class=diffuse_class,
+    ).train()
     if config.freeze_visual:
         system.guide.visual.requires_grad_(False).eval()
     return loss_module

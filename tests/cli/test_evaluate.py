@@ -9,7 +9,7 @@ import torch
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import benchmark, compare_elbo, demo, evaluate
 from avssl_pyro.inference.checkpoint import save_checkpoint
-from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.inference.system import GuideConfig, ModelConfig, SystemConfig, build_system
 
 FIELDS = {
     "condition",
@@ -31,7 +31,7 @@ SMALL = GuideConfig(visual_channels=(4, 8), audio_channels=8)
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(0)
     path = tmp_path_factory.mktemp("checkpoint") / "small.safetensors"
-    save_checkpoint(path, build_system(SystemConfig(PRESETS["circle4"], guide=SMALL)))
+    save_checkpoint(path, build_system(SystemConfig(PRESETS["circle4"], ModelConfig(bin_weight=3.0), SMALL)))
     return path
 
 

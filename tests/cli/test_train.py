@@ -118,6 +118,8 @@ def test_a_full_disk_keeps_the_last_checkpoint(
 def test_the_whole_guide_trains_on_two_processes(scene_folder: Path, tmp_path: Path, launcher: list[str]) -> None:
     script = str(Path(__file__).parents[2] / "scripts" / "svi_train.py")
     arguments = [*options(scene_folder, tmp_path / "run"), "--accelerator", "cpu", "--devices", "2"]
+    # The weight of the targets is nothing at the first step, so there must be a second.
+    arguments += ["--targets.warmup", "0", "--optimization.epochs", "2"]
     torchrun = launcher if launcher[0] == "-m" else []
     done = subprocess.run(
         [sys.executable, *torchrun, script, *arguments],
@@ -128,7 +130,9 @@ def test_the_whole_guide_trains_on_two_processes(scene_folder: Path, tmp_path: P
         timeout=200,
     )
     assert done.returncode == 0, done.stderr[-2000:]
-    # Ten clips in global batches of eight: one step, told once.
-    assert [json.loads(line)["step"] for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()] == [1]
+    # Ten clips in global batches of eight: one step an epoch, told once.
+    records = [json.loads(line) for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()]
+    assert [record["step"] for record in records] == [1, 2]
+    assert records[-1]["target_cross_entropy"] > 0
     assert done.stdout.count("written") == 1
     assert load_checkpoint(tmp_path / "run" / CHECKPOINT_NAME).config.array.name == "circle2"

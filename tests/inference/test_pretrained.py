@@ -7,7 +7,7 @@ import pytest
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.clip import SAMPLE_RATE, Clip
+from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
 from avssl_pyro.evaluation.matching import gate_then_assign
 from avssl_pyro.evaluation.metrics import evaluate
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
@@ -30,6 +30,14 @@ def test_an_array_is_known_by_its_places_not_its_name() -> None:
     assert load_pretrained(same).trained_with == "circle4"
     turned = MicrophoneArray("circle4", PRESETS["circle4"].positions_m[::-1])
     assert not load_pretrained(turned).native
+    for other in ({"steering": RigidSphereKind(0.1)}, {"speed_of_sound": 1500.0}):
+        assert not load_pretrained(replace(PRESETS["circle4"], **other)).native  # type: ignore[arg-type]
+
+
+def test_an_array_without_places_is_served_too() -> None:
+    pretrained = load_pretrained(PRESETS["starss23-foa"])
+    assert not pretrained.native
+    assert pretrained.system.config.steering().shape[-1] == 4
 
 
 def test_another_array_is_told_what_it_gets() -> None:
@@ -54,10 +62,3 @@ def test_they_find_who_talks_in_scenes_of_material_they_never_saw(name: str, lea
     ]
     scores = evaluate([scene.labels.talker_azimuths for scene in scenes], found, np.deg2rad(10.0), gate_then_assign)
     assert scores.f_measure > least
-
-
-def test_silence_gives_no_source() -> None:
-    system = load_pretrained(PRESETS["circle2"]).system
-    clip = Clip("silence", np.zeros((2, SAMPLE_RATE), np.float32), np.full((88, 288, 3), 128, np.uint8))
-    (posterior,) = Localizer(system, refinement=system.refinement()).posteriors([clip])
-    assert select_sources(posterior, system.config.grid, SourceThresholds()) == ()

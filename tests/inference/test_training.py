@@ -152,7 +152,9 @@ def test_a_nan_stops_with_the_step_the_term_and_the_clip(dataset: SceneDataset, 
 
 def test_trace_elbo_and_the_guide_without_audio_network_train_too(dataset: SceneDataset, tmp_path: Path) -> None:
     system = small_system(guide=replace(SMALL, audio_net=False))
-    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric(), RecordingTraceELBO())
+    targets = TargetConfig(weight=0.1, warmup=0.0)
+    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric(), RecordingTraceELBO(), targets)
+    assert read_log(tmp_path)[-1]["target_cross_entropy"] > 0
     assert "beta" not in read_log(tmp_path)[-1]
 
 
