@@ -3,7 +3,7 @@
 A single forward pass knows what such pictures and recordings have in common; a few rounds of closed-form ascent of the
 posterior fit the one at hand. The visual network says where to start and, if wanted, gives a prior that keeps the
 picture in. All classes start at equal levels: one that starts quiet stays so, and a talker it alone looks at is lost.
-The standard deviations are lower bounds, see :mod:`avssl_pyro.distributions.ascent`.
+The standard deviations of log w are lower bounds, see :mod:`avssl_pyro.distributions.ascent`.
 """
 
 from dataclasses import dataclass
