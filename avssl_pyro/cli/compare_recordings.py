@@ -65,6 +65,8 @@ class CompareRecordingsOptions:
     """Source classes of the model, one of them for noise."""
     rounds: int = 60
     """Most rounds of refinement."""
+    pause_db: float = 20.0
+    """Frames so far below the loudest of a recording are pauses, and not explained."""
     thresholds: SourceThresholds = field(default_factory=SourceThresholds)
     """When a source class counts as a talker."""
     peaks: BaselinePeaks = field(default_factory=BaselinePeaks)
@@ -119,8 +121,9 @@ def _ours(
         # Lobes need no softening as a network's log-weights do.
         refinement=system.refinement(rounds=options.rounds, softening=1.0),
         start=BlindStart(options.classes, grid),
+        pause_db=options.pause_db,
     )
-    # One by one, for the recordings need not be of equal length.
+    # One by one, for they need not be of equal length.
     method = PosteriorMethod(OURS, localizer.posteriors, grid, batch_size=1)
     return {OURS: _decide(method, method.observe_all(tqdm(clips, desc=OURS)), options.thresholds)}
 

@@ -37,9 +37,7 @@ def read_labeled_recordings(folder: Path) -> tuple[LabeledRecording, ...]:
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of recordings.")
     if not path.is_file():
-        raise InputError(
-            f"{path}: no such file; write one with the first line file,azimuth_deg and a line for each."
-        )
+        raise InputError(f"{path}: no such file; write one with the first line file,azimuth_deg and a line for each.")
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
