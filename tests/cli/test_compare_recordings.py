@@ -1,3 +1,5 @@
+import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -65,10 +67,23 @@ def test_fewer_classes_than_talkers_miss_some(folder: Path, capsys: pytest.Captu
     assert int(words[3]) < 2 and words[-3:] == ["0", "of", "1"]
 
 
+def test_the_example_of_the_page_is_understood(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    [example] = re.findall(r"```\n(file,azimuth_deg\n.*?)```", page, re.DOTALL)
+    (tmp_path / "labels.csv").write_text(example)
+    for name in ("one.wav", "two.flac"):
+        (tmp_path / name).symlink_to(folder / name)
+    [command] = re.findall(r"^python scripts/compare_recordings.py(.*)$", page, re.MULTILINE)
+    main([*shlex.split(command.replace("FOLDER", shlex.quote(str(tmp_path)))), "--rounds", "2"])
+    assert "2 talkers: 1 recordings" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--classes", "0"], "--classes 0 --rounds 60: give at least one class and one round."),
+        (["--classes", "0"], "--classes 0 --rounds 90: give at least one class and one round."),
         (["--peaks.threshold", "2"], "--peaks.threshold 2.0 --peaks.most 4: give a height from 0 to 1"),
         (["--array", "circle6"], "one.wav: 4 channel(s), but array 'circle6' has 6 microphones"),
     ],
