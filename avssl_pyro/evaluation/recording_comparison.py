@@ -73,12 +73,14 @@ def comparison_tables(
             for method, answers in given.items()
         }
         last = count == max(counts)
-        tables.append(_table(f"{_talkers(count)}: {len(members)} recordings", scores, notes if last else ()))
+        tables.append(
+            _table(f"{_number(count, 'talker')}: {_number(len(members), 'recording')}", scores, notes if last else ())
+        )
     return tables
 
 
-def _talkers(count: int) -> str:
-    return "1 talker" if count == 1 else f"{count} talkers"
+def _number(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 
 def _table(title: str, scores: Mapping[str, GroupScores], notes: tuple[str, ...]) -> ResultTable:

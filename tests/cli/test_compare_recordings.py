@@ -49,7 +49,7 @@ def lines_of(printed: str, title: str) -> dict[str, str]:
 def test_finds_talkers_that_pause_and_counts_what_is_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["--folder", str(folder), "--array", "circle4", "--verbose"])
     printed = capsys.readouterr().out
-    one, two = lines_of(printed, "1 talker: 1 recordings"), lines_of(printed, "2 talkers: 1 recordings")
+    one, two = lines_of(printed, "1 talker: 1 recording"), lines_of(printed, "2 talkers: 1 recording")
     assert tuple(one) == tuple(two) == METHODS
     for lines, labelled in ((one, 1), (two, 2)):
         for method in ("audio-only refined", "norm-music, tuned"):
@@ -63,7 +63,7 @@ def test_finds_talkers_that_pause_and_counts_what_is_found(folder: Path, capsys:
 
 def test_fewer_classes_than_talkers_miss_some(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     main(["--folder", str(folder), "--array", "circle4", "--classes", "1", "--rounds", "5"])
-    words = lines_of(capsys.readouterr().out, "2 talkers: 1 recordings")["audio-only refined"].split()
+    words = lines_of(capsys.readouterr().out, "2 talkers: 1 recording")["audio-only refined"].split()
     assert int(words[3]) < 2 and words[-3:] == ["0", "of", "1"]
 
 
@@ -77,7 +77,7 @@ def test_the_example_of_the_page_is_understood(
         (tmp_path / name).symlink_to(folder / name)
     [command] = re.findall(r"^python scripts/compare_recordings.py(.*)$", page, re.MULTILINE)
     main([*shlex.split(command.replace("FOLDER", shlex.quote(str(tmp_path)))), "--rounds", "2"])
-    assert "2 talkers: 1 recordings" in capsys.readouterr().out
+    assert "2 talkers: 1 recording" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

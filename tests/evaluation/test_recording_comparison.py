@@ -27,9 +27,9 @@ def test_one_table_for_every_number_of_talkers() -> None:
     given = {"good": labelled, "deaf": [radians()] * 3, "parrot": [radians(45)] * 3}
     none, one, two = comparison_tables(labelled, given, ("a note",))
     assert [table.title for table in (none, one, two)] == [
-        "0 talkers: 1 recordings",
-        "1 talker: 1 recordings",
-        "2 talkers: 1 recordings",
+        "0 talkers: 1 recording",
+        "1 talker: 1 recording",
+        "2 talkers: 1 recording",
     ]
     texts = {name: [cell.text for cell in cells] for name, cells in two.lines}
     assert texts["good"] == ["2 of 2", "2 of 2", "0", "0.0°", "1 of 1"]
