@@ -87,6 +87,8 @@ def main(args: Sequence[str] | None = None) -> None:
         raise InputError(
             f"--classes {options.classes} --rounds {options.rounds}: give at least one class and one round."
         )
+    if not options.pause_db > 0:
+        raise InputError(f"--pause-db {options.pause_db}: give a positive number of decibels.")
     peaks = options.peaks
     if not 0 <= peaks.threshold <= 1 or peaks.most < 1:
         raise InputError(

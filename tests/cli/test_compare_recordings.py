@@ -84,6 +84,7 @@ def test_the_example_of_the_page_is_understood(
     ("options", "says"),
     [
         (["--classes", "0"], "--classes 0 --rounds 90: give at least one class and one round."),
+        (["--pause-db", "-3"], "--pause-db -3.0: give a positive number of decibels."),
         (["--peaks.threshold", "2"], "--peaks.threshold 2.0 --peaks.most 4: give a height from 0 to 1"),
         (["--array", "circle6"], "one.wav: 4 channel(s), but array 'circle6' has 6 microphones"),
     ],
