@@ -72,3 +72,12 @@ def stft(audio_bmn: Tensor, config: StftConfig) -> Tensor:
         audio_bmn.reshape(b * m, n), config.window, config.hop, window=window, center=True, return_complex=True
     )
     return x_ft.reshape(b, m, *x_ft.shape[-2:])[:, :, config.bins].transpose(1, 2).contiguous()
+
+
+def loud_frames(x_fmt: Tensor, below_db: float) -> Tensor:
+    """Mask, (T,), of the frames of a spectrogram, (F, M, T), at most so many decibels below the loudest of them.
+
+    All frames of digital silence are kept.
+    """
+    power_t = x_fmt.abs().square().mean((0, 1))
+    return power_t >= power_t.max() * 10 ** (-below_db / 10)

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.acoustics.stft import stft
+from avssl_pyro.acoustics.stft import loud_frames, stft
 from avssl_pyro.data.batch import collate_clips
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.errors import InputError
@@ -34,6 +34,8 @@ class Localizer:
         uniform_levels: ignore the audio network and give every class the level 1/K ("w/o Aud").
         refinement: refine every clip's posterior so; by default the networks' answer is final.
         start: where refinement starts; by default at the system's own guide.
+        pause_db: leave out frames whose power is so many decibels below that of the clip's loudest. In pauses there is
+            nothing but noise, and a level, the share of bins that a source dominates, falls with every one of them.
         seed: of the draws behind the posterior spread of directions.
     """
 
@@ -45,6 +47,7 @@ class Localizer:
         uniform_levels: bool = False,
         refinement: RefinementConfig | None = None,
         start: DirectionStart | None = None,
+        pause_db: float | None = None,
         seed: int = 0,
     ) -> None:
         self.config = system.config
@@ -57,6 +60,7 @@ class Localizer:
             guide = RefinedGuide(system.guide if start is None else start, system.config.steering(), refinement)
         self.guide = guide.to(self.device).eval()
         self.uniform_levels = uniform_levels
+        self.pause_db = pause_db
         self.seed = seed
 
     def posteriors(self, clips: Sequence[Clip]) -> list[ScenePosterior]:
@@ -72,9 +76,16 @@ class Localizer:
                     f"clip {clip.key}: {clip.audio_mn.shape[0]} channels, but the checkpoint was trained with the "
                     f"{expected} microphones of array '{self.config.array.name}'."
                 )
+        # Clips that keep different numbers of frames cannot be stacked.
+        batches = [clips] if self.pause_db is None else [[clip] for clip in clips]
+        return [posterior for batch in batches for posterior in self._posteriors(batch)]
+
+    def _posteriors(self, clips: Sequence[Clip]) -> list[ScenePosterior]:
         batch = collate_clips(clips).to(self.device)
         with torch.no_grad():
             x_bfmt = stft(batch.audio_bmn, self.config.stft)
+            if self.pause_db is not None:
+                x_bfmt = x_bfmt[..., loud_frames(x_bfmt[0], self.pause_db)]
             parameters = self.guide.parameters_of(x_bfmt, batch.image_float())
             summaries = self._summaries(parameters)
         return [

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from avssl_pyro.acoustics.stft import StftConfig, stft
+from avssl_pyro.acoustics.stft import StftConfig, loud_frames, stft
 from avssl_pyro.errors import InputError
 
 
@@ -47,6 +47,13 @@ def test_a_band_is_the_same_bins_of_the_whole() -> None:
     kept = [f for f, hertz in enumerate(whole.frequencies) if 120 <= hertz <= 4000][::2]
     assert band.frequencies.tolist() == whole.frequencies[kept].tolist()
     assert torch.equal(stft(audio_bmn, band), stft(audio_bmn, whole)[:, kept])
+
+
+def test_loud_frames_are_those_near_the_loudest() -> None:
+    amplitude_t = torch.tensor([1.0, 0.5, 0.11, 0.09, 0.0])
+    x_fmt = (amplitude_t * torch.ones(3, 2, 1)).to(torch.complex64)
+    assert loud_frames(x_fmt, 20.0).tolist() == [True, True, True, False, False]
+    assert loud_frames(0 * x_fmt, 20.0).all()
 
 
 @pytest.mark.parametrize(

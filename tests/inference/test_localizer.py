@@ -8,6 +8,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.errors import InputError
+from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.inference.localization import ScenePosterior
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
@@ -121,3 +122,23 @@ def test_the_spread_is_reproducible() -> None:
     torch.manual_seed(2)
     np.testing.assert_array_equal(Localizer(system, seed=3).posteriors(clips(1))[0].azimuth_std_k, first)
     assert (Localizer(system, seed=4).posteriors(clips(1))[0].azimuth_std_k != first).any()
+
+
+def test_pauses_can_be_left_out() -> None:
+    loud, other = clips(2)
+    # What is heard in the pause comes to all microphones at once.
+    quiet_mn = 1e-3 * np.repeat(other.audio_mn[:1], 4, axis=0)
+    paused = replace(loud, audio_mn=np.concatenate([loud.audio_mn, quiet_mn], axis=1))
+    system = make_system()
+    everything, without_pauses = (
+        Localizer(system, refinement=system.refinement(), start=BlindStart(K, CONFIG.grid), pause_db=pause_db)
+        for pause_db in (None, 20.0)
+    )
+    [expected] = everything.posteriors([loud])
+    alone, left_out = without_pauses.posteriors([loud, paused])
+    [mixed] = everything.posteriors([paused])
+    assert_same(alone, expected)
+    error_k, mixed_error_k = (
+        np.abs(levels.mixing_levels_k - expected.mixing_levels_k).max() for levels in (left_out, mixed)
+    )
+    assert error_k < 0.05 < mixed_error_k
