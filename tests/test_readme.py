@@ -16,6 +16,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import (
     benchmark,
     compare_elbo,
+    compare_recordings,
     doctor,
     evaluate,
     gallery,
@@ -50,6 +51,7 @@ MAINS: dict[str, tuple[Callable[[Sequence[str]], object], dict[str, str]]] = {
     "localize.py": (localize.main, {"--refine": "2"}),
     "doctor.py": (doctor.main, {}),
     "prepare.py": (prepare.main, {}),
+    "compare_recordings.py": (compare_recordings.main, {"--rounds": "3"}),
     "gallery.py": (gallery.main, {"--each": "1"}),
     "track_benchmark.py": (track_benchmark.main, {"--recordings": "1", "--talkers.seconds": "4"}),
     "compare_elbo.py": (compare_elbo.main, {"--seconds": "0.05", "--clips": "1", "--draws": "4"}),
@@ -85,6 +87,9 @@ def user_folder(tmp_path_factory: pytest.TempPathFactory, scene_folder: Path) ->
     cv2.imwrite(str(folder / "panorama.jpg"), picture)
     soundfile.write(folder / "clip.wav", clips[0].audio_mn.T, 16_000)
     soundfile.write(folder / "clip4.wav", clips[0].audio_mn[:4].T, 16_000)
+    (folder / "recordings").mkdir()
+    soundfile.write(folder / "recordings" / "one.wav", clips[0].audio_mn[:4].T, 16_000)
+    (folder / "recordings" / "labels.csv").write_text("file,azimuth_deg\none.wav,30\n")
     (folder / "clips.csv").write_text("audio,image\nclip.wav,panorama.jpg\n")
     soundfile.write(folder / "walk.wav", np.concatenate([clip.audio_mn for clip in clips], axis=1).T, 16_000)
     video = cv2.VideoWriter(str(folder / "walk.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (480, 240))

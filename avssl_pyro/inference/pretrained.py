@@ -24,7 +24,7 @@ class Pretrained:
         system: model and guide for the array that was asked for, in evaluation mode.
         trained_with: name of the array the weights were trained with.
         native: whether that is the array asked for. If not, the visual network, which knows of no array, serves as well
-            as ever, and so do refined posteriors, which start from it; the audio network's levels do not.
+            as ever, and so do refined posteriors, which start from it; the audio network was made for other beams.
     """
 
     system: System
@@ -39,7 +39,7 @@ class Pretrained:
             return f"using the weights that come with the package for array '{array}'."
         return (
             f"no weights come with the package for array '{array}'; using the visual network of '{self.trained_with}', "
-            "which any array can share; refined answers are as good, those of one forward pass are not."
+            "which any array can share (refined answers are as good as ever, those of one forward pass a little worse)."
         )
 
 
