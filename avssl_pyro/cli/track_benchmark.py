@@ -77,7 +77,7 @@ def _table(scores: dict[str, TrackingScores], options: TrackBenchmarkOptions) ->
     title = f"{options.recordings} recordings of {options.talkers.seconds:g} s, tolerance {options.tolerance_deg:g}°"
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     for name in ("sources", "F", "precision", "recall", "error", "switches", "fragments", "MOTA"):
-        table.add_column(name, justify="left" if name == "sources" else "right")
+        table.add_column(name, justify="left" if name == "sources" else "right", no_wrap=name == "sources")
     for name, row in scores.items():
         table.add_row(
             name,

@@ -16,7 +16,7 @@ def make_loader(
     batch_sampler: Iterable[list[int]],
     num_workers: int = 0,
     device: torch.device | str = "cpu",
-    start_method: str | None = None,
+    start_method: str = "spawn",
 ) -> DataLoader[ClipBatch]:
     """Batches of ``dataset`` in the order of ``batch_sampler``, the same ones whatever the number of workers.
 
@@ -25,7 +25,8 @@ def make_loader(
         batch_sampler: for example a :class:`WindowShuffleSampler`.
         num_workers: processes that read ahead; 0 reads when asked.
         device: where the batches will go; anything but the CPU has them page-locked. Move them with ``batch.to``.
-        start_method: of the workers, "fork", "spawn" or "forkserver"; None is the platform's.
+        start_method: of the workers: "spawn" or "forkserver". A forked worker waits forever for OpenCV's threads, if the
+            process that forked it had some.
     """
     # torch's stubs know only loaders that yield what the dataset holds; this one collates clips to batches.
     items: Dataset[Any] = dataset

@@ -77,7 +77,7 @@ class VideoFile:
         if time_s < self._time_s or time_s > self._next_s + _SEEK_AHEAD_S:
             self._seek(time_s)
         self._advance(time_s)
-        if time_s > self._time_s + MAX_FRAME_AGE_S:
+        if time_s > self._time_s + MAX_FRAME_AGE_S + 2 * _ROUNDING_S:
             return None
         if self._frame is None and self._time_s > _NEVER:
             # The frames lie farther apart than expected here, and this one was passed by.

@@ -148,9 +148,10 @@ def default_baselines(
     SRP-PHAT is left out for ambisonics, which has no delays.
     """
     rank = subspace_sources(array)
-    srp = DoaBaseline("srp-phat", SRP, array, grid, freq_range_hz=freq_range_hz, num_jobs=num_jobs)
-    return (
-        *((srp,) if array.steering.has_delays else ()),
+    music = (
         DoaBaseline("music", MUSIC, array, grid, rank, freq_range_hz, num_jobs=num_jobs),
         DoaBaseline("norm-music", NormMUSIC, array, grid, rank, freq_range_hz, num_jobs=num_jobs),
     )
+    if not array.steering.has_delays:
+        return music
+    return (DoaBaseline("srp-phat", SRP, array, grid, freq_range_hz=freq_range_hz, num_jobs=num_jobs), *music)

@@ -21,7 +21,7 @@ def assert_equal(first: ClipBatch, second: ClipBatch) -> None:
     assert torch.equal(first.image_bcij, second.image_bcij)
 
 
-@pytest.mark.parametrize(("num_workers", "start_method"), [(1, "fork"), (2, "fork"), (1, "spawn")])
+@pytest.mark.parametrize(("num_workers", "start_method"), [(1, "forkserver"), (2, "spawn")])
 def test_workers_change_neither_batches_nor_their_order(
     make_scenes: MakeScenes, num_workers: int, start_method: str
 ) -> None:

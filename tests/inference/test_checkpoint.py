@@ -196,7 +196,7 @@ configs = st.builds(
     st.builds(
         GuideConfig,
         st.booleans(),
-        st.lists(st.integers(1, 99), min_size=1, max_size=5).map(tuple),
+        st.lists(st.integers(1, 99), min_size=2, max_size=5).map(tuple),
         st.integers(1, 99),
         st.floats(0, 0.9),
         st.booleans(),
