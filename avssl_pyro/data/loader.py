@@ -25,8 +25,8 @@ def make_loader(
         batch_sampler: for example a :class:`WindowShuffleSampler`.
         num_workers: processes that read ahead; 0 reads when asked.
         device: where the batches will go; anything but the CPU has them page-locked. Move them with ``batch.to``.
-        start_method: of the workers: "spawn" or "forkserver". A forked worker waits forever for OpenCV's threads, if the
-            process that forked it had some.
+        start_method: of the workers: "spawn" or "forkserver". A forked worker waits forever for OpenCV's threads if
+            the process that forked it had some.
     """
     # torch's stubs know only loaders that yield what the dataset holds; this one collates clips to batches.
     items: Dataset[Any] = dataset
