@@ -1,9 +1,10 @@
 """Refined posteriors as targets: the networks learn to say at once what a few rounds of ascent would have told.
 
-The posterior of a clip is climbed in closed form from where the guide stands, and the guide is drawn towards where that
-leads by the cross-entropy of the sound's distribution over directions. No label takes part: the refined posterior is a
-function of model, picture and recording. Classes enter through their mixture only, so it does not matter which of them
-hears a source.
+The posterior of a clip is climbed in closed form from where the visual network looks, with all levels equal, as a
+:class:`avssl_pyro.guides.refined.RefinedGuide` does. The guide is drawn towards where that leads by two
+cross-entropies. That of the sound's distribution over directions takes classes as a mixture, so it does not matter
+which of them hears a source; that of the levels goes class by class, and teaches the audio network whether what a class
+looks at sounds. No label takes part: the refined posterior is a function of model, picture and recording.
 """
 
 import math
@@ -14,7 +15,7 @@ import torch
 from pyro.infer import Trace_ELBO
 from torch import Tensor, nn
 
-from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent
+from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent, MixturePoint
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.terms import RecordsTerms
@@ -30,35 +31,41 @@ class TargetConfig:
     """How refined posteriors teach the guide.
 
     Args:
-        weight: of the cross-entropy, in nats per clip, beside the ELBO per time-frequency bin; 0 turns it off.
+        weight: of the cross-entropy of directions, in nats per clip, beside the ELBO per time-frequency bin; 0 turns
+            it off.
+        level_weight: the same of the cross-entropy of levels, whose gradient has the scale of the ELBO's.
         rounds: of ascent behind a target.
+        softening: the log-weights are multiplied by it to start with, as in a refinement.
         smoothing_deg: standard deviation of the kernel that targets are smoothed with over directions, degrees.
-        warmup: share of the training over which the weight rises from 0; the first starts are worth nothing.
+        warmup: share of the training over which the weights rise from 0; the first starts are worth nothing.
         frame_step: every how many frames are used for targets.
     """
 
     weight: float = 0.0
-    rounds: int = 4
+    level_weight: float = 0.0
+    rounds: int = 10
+    softening: float = 0.6
     smoothing_deg: float = 5.0
     warmup: float = 0.15
     frame_step: int = 2
 
     def __post_init__(self) -> None:
-        if not 0 <= self.weight < math.inf:
-            raise InputError(f"TargetConfig: weight is {self.weight}; it must be at least 0.")
+        for name in ("weight", "level_weight"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise InputError(f"TargetConfig: {name} is {getattr(self, name)}; it must be at least 0.")
         if self.rounds < 1 or self.frame_step < 1 or not 0 < self.smoothing_deg < 180 or not 0 <= self.warmup <= 1:
             raise InputError(
                 f"TargetConfig: rounds {self.rounds} and frame_step {self.frame_step} must be at least 1, "
                 f"smoothing_deg {self.smoothing_deg} between 0 and 180, and warmup {self.warmup} between 0 and 1."
             )
 
-    def weight_at(self, step: int, total_steps: int) -> float:
-        """The weight at a step of the training."""
-        return self.weight * min(1.0, step / max(1.0, self.warmup * total_steps))
+    def strength_at(self, step: int, total_steps: int) -> float:
+        """What the weights are multiplied by at a step of the training; 0 if there is nothing to teach."""
+        return min(1.0, step / max(1.0, self.warmup * total_steps)) if self.weight or self.level_weight else 0.0
 
 
 class TaughtLoss(nn.Module):
-    """The negative ELBO of a batch, with the cross-entropy to refined targets beside it.
+    """The negative ELBO of a batch, with the cross-entropies to refined targets beside it.
 
     Args:
         loss: the estimator's loss module of model and guide.
@@ -91,17 +98,23 @@ class TaughtLoss(nn.Module):
         self._prior_sigma = prior_sigma
         self._alpha = alpha
 
-    def forward(self, x_bfmt: Tensor, image_bcij: Tensor, target_weight: float) -> tuple[Tensor, Tensor]:
-        """Loss per time-frequency bin, what is minimised, and the cross-entropy alone (nats per clip, detached)."""
+    def forward(self, x_bfmt: Tensor, image_bcij: Tensor, strength: float) -> tuple[Tensor, Tensor]:
+        """What is minimised, and the cross-entropies of directions and of levels (2,), nats per clip, detached.
+
+        Args:
+            x_bfmt, image_bcij: the batch.
+            strength: the weights of the cross-entropies are multiplied by it.
+        """
         b, f, _, t = x_bfmt.shape
         (model,) = self._model
         loss = self.loss(x_bfmt, image_bcij) / (b * f * t * model.bin_weight)
-        if target_weight == 0:
-            return loss, torch.zeros_like(loss)
-        cross_entropy = self._cross_entropy(x_bfmt)
-        return loss + target_weight * cross_entropy, cross_entropy.detach()
+        if strength == 0:
+            return loss, loss.new_zeros(2)
+        cross_entropies = torch.stack(self._cross_entropies(x_bfmt))
+        weights = cross_entropies.new_tensor([self._config.weight, self._config.level_weight])
+        return loss + strength * weights @ cross_entropies, cross_entropies.detach()
 
-    def _cross_entropy(self, x_bfmt: Tensor) -> Tensor:
+    def _cross_entropies(self, x_bfmt: Tensor) -> tuple[Tensor, Tensor]:
         trace = self._estimator.guide_trace
         assert trace is not None
         # Several particles share the networks' directions, but have levels of their own.
@@ -112,21 +125,23 @@ class TaughtLoss(nn.Module):
         level_pbk = level_posterior.mean
         pi_bk = level_pbk.reshape(-1, *level_pbk.shape[-2:]).mean(0)
         with torch.autocast(x_bfmt.device.type, enabled=False):
-            target_bo = self._targets(x_bfmt[..., :: self._config.frame_step], mu_bkd.detach(), pi_bk.detach())
-            outcome_bo = self._outcomes(mu_bkd.softmax(-1), pi_bk).clamp_min(LEAST_SHARE)
-        return -(target_bo * outcome_bo.log()).sum(-1).mean()
+            target = self._refine(x_bfmt[..., :: self._config.frame_step], mu_bkd.detach())
+            target_share_bkd = target.log_w_bkd.softmax(-1) @ self._kernel(mu_bkd)
+            target_bo = self._outcomes(target_share_bkd, target.pi_bk)
+            outcome_bo = self._outcomes(mu_bkd.softmax(-1), pi_bk)
+            return _cross_entropy(target_bo, outcome_bo), _cross_entropy(target.pi_bk, pi_bk)
 
     @torch.no_grad()
-    def _targets(self, x_bfmt: Tensor, mu_bkd: Tensor, pi_bk: Tensor) -> Tensor:
+    def _refine(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixturePoint:
         (model,) = self._model
         prior = LogWeightPrior(torch.zeros_like(mu_bkd), mu_bkd.new_tensor(self._prior_sigma**-2))
         weight = self._config.frame_step * model.bin_weight
         ascent = MixtureAscent(observe(x_bfmt), model.template_dfmm, model.diffuse, prior, self._alpha, weight)
-        point = ascent.step(mu_bkd, pi_bk)
+        equal_bk = mu_bkd.new_full(mu_bkd.shape[:-1], 1 / mu_bkd.shape[-2])
+        point = ascent.step(self._config.softening * mu_bkd, equal_bk)
         for _ in range(self._config.rounds - 1):
             point = ascent.step(point.log_w_bkd, point.pi_bk, STRETCH)
-        share_bkd = point.log_w_bkd.softmax(-1) @ self._kernel(mu_bkd)
-        return self._outcomes(share_bkd, point.pi_bk)
+        return point
 
     def _outcomes(self, share_bkd: Tensor, pi_bk: Tensor) -> Tensor:
         """How the sound is distributed, (B, D + 1): over the directions, sum_k pi_k w_kd, and from nowhere."""
@@ -140,3 +155,8 @@ class TaughtLoss(nn.Module):
         angle_d = 2 * math.pi / d * torch.arange(d, device=like_bkd.device, dtype=like_bkd.dtype)
         concentration = math.radians(self._config.smoothing_deg) ** -2
         return (concentration * (angle_d[:, None] - angle_d).cos()).softmax(-1)
+
+
+def _cross_entropy(target_bo: Tensor, outcome_bo: Tensor) -> Tensor:
+    # Added, not clamped: what is next to nothing keeps its gradient.
+    return -(target_bo * (outcome_bo + LEAST_SHARE).log()).sum(-1).mean()

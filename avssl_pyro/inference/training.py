@@ -144,7 +144,7 @@ def train(
             for group in optimizer.param_groups:
                 group["lr"] = learning_rate
             x_bfmt = stft(batch.audio_bmn, system.config.stft)
-            loss, cross_entropy = module(x_bfmt, batch.image_float(), targets.weight_at(step, total_steps))
+            loss, cross_entropies = module(x_bfmt, batch.image_float(), targets.strength_at(step, total_steps))
             assert estimator.terms is not None
             if _anyone(not torch.isfinite(loss), fabric):
                 raise TrainingDivergedError(_describe_divergence(loss, estimator.terms, batch, step))
@@ -161,7 +161,8 @@ def train(
             done = step == total_steps
             if step % config.log_every == 0 or done:
                 values = {"epoch": step / sampler.steps_per_epoch, "learning_rate": learning_rate}
-                values |= {"loss": loss.item(), "target_cross_entropy": cross_entropy.item()}
+                values |= {"loss": loss.item()}
+                values |= zip(("direction_cross_entropy", "level_cross_entropy"), cross_entropies.tolist(), strict=True)
                 reporter.record(
                     step, values | _terms(estimator.terms, x_bfmt, system.model.bin_weight) | _scales(system)
                 )

@@ -31,7 +31,8 @@ class AudioNet(nn.Module):
 
     Delay-and-sum beamforming towards all D directions, log amplitude, normalisation per frequency, frequencies as
     channels, convolutions over time, directions combined into sources by w (Eq. 3), convolutions, average over
-    time, affine, softmax over sources.
+    time, affine, softmax over sources. Beyond the paper, a source is compared with the others before the affine map:
+    whether it sounds or only lies beside one that does cannot be told from itself alone.
 
     Args:
         steering_fdm: steering vectors, complex (F, D, M).
@@ -67,6 +68,11 @@ class AudioNet(nn.Module):
         self.embed_norm = nn.Sequential(nn.BatchNorm2d(channels), nn.LeakyReLU(0.1, inplace=True))
         self.over_directions = nn.Sequential(*(DilatedSeparableConv(channels, i, dropout) for i in direction_dilations))
         self.over_sources = nn.Sequential(*(DilatedSeparableConv(channels, i, dropout) for i in source_dilations))
+        self.beside = nn.Sequential(
+            nn.Linear(3 * channels, channels),
+            nn.LeakyReLU(0.1, inplace=True),
+            nn.Linear(channels, channels, bias=False),
+        )
         self.affine = nn.Linear(channels, 1)
 
     @torch.no_grad()
@@ -110,9 +116,11 @@ class AudioNet(nn.Module):
         # Eq. (3): v_ck = sum_d w_kd u_cd, one product per clip whatever the number of particles.
         stacked_bkd = share_bkd.reshape(-1, b, k, d).transpose(0, 1).reshape(b, -1, d)
         source_bckt = torch.einsum("bkd,bcdt->bckt", stacked_bkd, feature_bcdt)
-        pooled_bkc = self.over_sources(source_bckt).mean(dim=-1).transpose(1, 2)
-        logit_bk = self.affine(pooled_bkc).squeeze(-1).reshape(b, -1, k).transpose(0, 1)
-        return logit_bk.reshape(*particles, b, k).softmax(dim=-1)
+        pooled_bpkc = self.over_sources(source_bckt).mean(dim=-1).transpose(1, 2).unflatten(1, (-1, k))
+        others_bpkc = [pooled_bpkc.mean(-2, keepdim=True), pooled_bpkc.amax(-2, keepdim=True)]
+        compared_bpkc = torch.cat([pooled_bpkc, *(other.expand_as(pooled_bpkc) for other in others_bpkc)], dim=-1)
+        logit_bpk = self.affine(pooled_bpkc + self.beside(compared_bpkc)).squeeze(-1)
+        return logit_bpk.transpose(0, 1).reshape(*particles, b, k).softmax(dim=-1)
 
     def forward(self, x_bfmt: Tensor, share_bkd: Tensor) -> Tensor:
         """Mixing levels pi_bar_bk of Eq. (2)."""

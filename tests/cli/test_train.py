@@ -133,6 +133,6 @@ def test_the_whole_guide_trains_on_two_processes(scene_folder: Path, tmp_path: P
     # Ten clips in global batches of eight: one step an epoch, told once.
     records = [json.loads(line) for line in (tmp_path / "run" / "log.jsonl").read_text().splitlines()]
     assert [record["step"] for record in records] == [1, 2]
-    assert records[-1]["target_cross_entropy"] > 0
+    assert records[-1]["direction_cross_entropy"] > 0
     assert done.stdout.count("written") == 1
     assert load_checkpoint(tmp_path / "run" / CHECKPOINT_NAME).config.array.name == "circle2"

@@ -11,7 +11,8 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss
+from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss, _cross_entropy
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
@@ -49,54 +50,80 @@ def local_parameters() -> object:
 
 
 @pytest.mark.parametrize("bin_weight", [1.0, 4.0])
-def test_without_weight_it_is_the_elbo_per_bin(data: tuple[Tensor, Tensor], bin_weight: float) -> None:
-    module, _ = taught(TargetConfig(), bin_weight=bin_weight)
+def test_without_strength_it_is_the_elbo_per_bin(data: tuple[Tensor, Tensor], bin_weight: float) -> None:
+    module, _ = taught(TargetConfig(weight=1.0), bin_weight=bin_weight)
     torch.manual_seed(5)
-    loss, cross_entropy = module(*data, 0.0)
+    loss, cross_entropies = module(*data, 0.0)
     torch.manual_seed(5)
     torch.testing.assert_close(loss, module.loss(*data) / (B * 16 * T * bin_weight))
-    assert cross_entropy.item() == 0
+    assert cross_entropies.tolist() == [0, 0]
 
 
 @pytest.mark.parametrize("particles", [1, 3])
-def test_it_adds_the_cross_entropy_with_its_weight(data: tuple[Tensor, Tensor], particles: int) -> None:
-    module, _ = taught(TargetConfig(), particles)
+def test_it_adds_the_cross_entropies_with_their_weights(data: tuple[Tensor, Tensor], particles: int) -> None:
+    module, _ = taught(TargetConfig(weight=2.0, level_weight=0.5), particles)
     values = {}
-    for weight in (0.0, 0.5):
+    for strength in (0.0, 0.5):
         torch.manual_seed(5)
-        values[weight] = module(*data, weight)
-    loss, cross_entropy = values[0.5]
-    torch.testing.assert_close(loss, values[0.0][0] + 0.5 * cross_entropy)
-    assert not cross_entropy.requires_grad
-    # Of a distribution over 25 outcomes, of which most are never the answer.
-    assert 0 < cross_entropy.item() < 10
+        values[strength] = module(*data, strength)
+    loss, cross_entropies = values[0.5]
+    of_directions, of_levels = cross_entropies
+    torch.testing.assert_close(loss, values[0.0][0] + of_directions + 0.25 * of_levels)
+    assert not cross_entropies.requires_grad
+    # Of distributions over 25 and 5 outcomes, of which most are never the answer.
+    assert 0 < of_directions < 10
+    assert 0 < of_levels < 5
 
 
-def test_the_guide_learns_where_the_talkers_are(data: tuple[Tensor, Tensor]) -> None:
-    """From the cross-entropy alone, whose targets nobody labelled; the picture is noise, so these clips are learnt."""
-    module, guide = taught(TargetConfig(rounds=10))
+def learn(module: TaughtLoss, guide: AmortizedGuide, data: tuple[Tensor, Tensor]) -> GuideParameters:
+    """From the cross-entropies alone, which nobody labelled; the picture is noise, so these very clips are learnt."""
     optimizer = torch.optim.Adam(guide.parameters(), lr=0.03)
     for _ in range(60):
         loss, _ = module(*data, 1.0)
-        (elbo, _) = module(*data, 0.0)
+        elbo, _ = module(*data, 0.0)
         optimizer.zero_grad()
         (loss - elbo.detach()).backward()
         optimizer.step()
     with torch.no_grad():
-        parameters = guide.parameters_of(*data)
+        return guide.parameters_of(*data)
+
+
+def test_the_guide_learns_where_the_talkers_are(data: tuple[Tensor, Tensor]) -> None:
+    parameters = learn(*taught(TargetConfig(weight=1.0)), data)
     level_bk = parameters.concentration_bk / parameters.concentration_bk.sum(-1, keepdim=True)
     sound_bd = (level_bk[:, None] @ parameters.mu_bkd.softmax(-1)).squeeze(1)
     near = [d + offset for d in TRUE_DIRECTIONS for offset in (-1, 0, 1)]
     assert (sound_bd[:, near].sum(-1) > 0.6).all()
 
 
-def test_the_weight_rises_over_the_warmup_and_stays() -> None:
+def test_the_audio_network_learns_which_class_hears_a_talker(data: tuple[Tensor, Tensor]) -> None:
+    module, guide = taught(TargetConfig(level_weight=1.0))
+    guide.visual.requires_grad_(False)
+    mu_bkd, _ = guide.log_weights(data[1])
+    target = module._refine(data[0], mu_bkd)
+    parameters = learn(module, guide, data)
+    level_bk = parameters.concentration_bk / parameters.concentration_bk.sum(-1, keepdim=True)
+    torch.testing.assert_close(level_bk, target.pi_bk, atol=0.15, rtol=0)
+    assert (target.pi_bk.amax(-1) > 0.3).all()
+
+
+def test_a_class_that_is_next_to_silent_can_be_woken() -> None:
+    outcome_bo = torch.tensor([[0.0, 1.0]], requires_grad=True)
+    _cross_entropy(torch.tensor([[0.5, 0.5]]), outcome_bo).backward()
+    assert outcome_bo.grad is not None
+    assert outcome_bo.grad[0, 0] < -1
+
+
+def test_the_strength_rises_over_the_warmup_and_stays() -> None:
     config = TargetConfig(weight=0.2, warmup=0.5)
-    assert [config.weight_at(step, 100) for step in (0, 25, 50, 99)] == pytest.approx([0.0, 0.1, 0.2, 0.2])
-    assert TargetConfig(weight=0.2, warmup=0.0).weight_at(1, 100) == pytest.approx(0.2)
+    assert [config.strength_at(step, 100) for step in (0, 25, 50, 99)] == pytest.approx([0.0, 0.5, 1.0, 1.0])
+    assert TargetConfig(level_weight=0.2, warmup=0.0).strength_at(1, 100) == 1
+    assert TargetConfig().strength_at(99, 100) == 0
 
 
-@pytest.mark.parametrize("wrong", [{"weight": -1.0}, {"rounds": 0}, {"smoothing_deg": 0.0}, {"warmup": 2.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"weight": -1.0}, {"level_weight": -1.0}, {"rounds": 0}, {"smoothing_deg": 0.0}, {"warmup": 2.0}]
+)
 def test_impossible_settings_are_refused_in_a_sentence(wrong: dict[str, float]) -> None:
     with pytest.raises(InputError, match=f"TargetConfig: .*{next(iter(wrong))}"):
         TargetConfig(**wrong)  # type: ignore[arg-type]

@@ -83,7 +83,7 @@ def test_refined_targets_are_logged_and_resumed_exactly(dataset: SceneDataset, t
     for stop_after in (3, None):
         train(parts, dataset, CONFIG, tmp_path / "parts", fabric(), targets=targets, stop_after=stop_after)
     assert all(torch.equal(value, parts.state_dict()[name]) for name, value in whole.state_dict().items())
-    assert read_log(tmp_path / "whole")[-1]["target_cross_entropy"] > 0
+    assert read_log(tmp_path / "whole")[-1]["direction_cross_entropy"] > 0
     plain = small_system()
     train(plain, dataset, CONFIG, tmp_path / "plain", fabric())
     assert not torch.equal(plain.guide.log_sigma_k, whole.guide.log_sigma_k)
@@ -154,7 +154,7 @@ def test_trace_elbo_and_the_guide_without_audio_network_train_too(dataset: Scene
     system = small_system(guide=replace(SMALL, audio_net=False))
     targets = TargetConfig(weight=0.1, warmup=0.0)
     train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric(), RecordingTraceELBO(), targets)
-    assert read_log(tmp_path)[-1]["target_cross_entropy"] > 0
+    assert read_log(tmp_path)[-1]["direction_cross_entropy"] > 0
     assert "beta" not in read_log(tmp_path)[-1]
 
 

@@ -132,3 +132,24 @@ def test_weights_of_directions_learn_through_the_levels() -> None:
     share_bkd = share(2).requires_grad_()
     (grad,) = torch.autograd.grad(network()(spectrogram(2), share_bkd)[:, 0].sum(), share_bkd)
     assert (grad.abs().amax(-1) > 0).all()
+
+
+def test_the_order_of_sources_does_not_matter() -> None:
+    net, x_bfmt, share_bkd = network(), spectrogram(2), share(2)
+    torch.testing.assert_close(net(x_bfmt, share_bkd.flip(-2)), net(x_bfmt, share_bkd).flip(-1))
+
+
+def test_a_source_is_compared_with_the_others() -> None:
+    """The odds of two sources depend on a third, which a softmax of each one's own score alone could never do."""
+    net, x_bfmt, share_bkd = network(), spectrogram(1), share(1)
+    # A fresh network's features are so much alike that no unit's sign differs between sources; here it is that of
+    # being above the average.
+    first = net.beside[0]
+    assert isinstance(first, torch.nn.Linear)
+    one, nothing = torch.eye(6, dtype=torch.float64), torch.zeros(6, 6, dtype=torch.float64)
+    first.weight.data = torch.cat([one, -one, nothing], dim=-1)
+    first.bias.data.zero_()
+    moved_bkd = share_bkd.clone()
+    moved_bkd[:, 2] = share_bkd[:, 2].flip(-1)
+    level_bk, changed_bk = net(x_bfmt, share_bkd), net(x_bfmt, moved_bkd)
+    assert not torch.isclose(level_bk[0, 0] / level_bk[0, 1], changed_bk[0, 0] / changed_bk[0, 1], rtol=1e-6)
