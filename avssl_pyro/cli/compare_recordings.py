@@ -34,7 +34,7 @@ TUNED = "{}, tuned"
 NOTES = (
     f"false: given, but not within {NEAR_DEG:g}° of a labelled direction of its own; mean error: of those within "
     f"{NEAR_DEG:g}°.",
-    "Rows 'tuned' have the peak setting of highest F-measure on these very files, an advantage that no other row has.",
+    "Rows 'tuned' have the peak setting that is best on these very files, an advantage that no other row has.",
 )
 
 

@@ -51,7 +51,9 @@ def tune(
     references: Sequence[npt.ArrayLike],
     tolerance: float,
 ) -> Tuned[SettingT]:
-    """Picks the setting with the highest F-measure; of equals the one with the better count accuracy, then the first.
+    """Picks the setting with the highest mean of F-measure and count accuracy, the two measures of the tables.
+
+    Of equals, the one with the higher F-measure, then the first.
 
     Args:
         method: the method to tune.
@@ -62,11 +64,15 @@ def tune(
     Raises:
         InputError: the method has no settings, or as in :func:`avssl_pyro.evaluation.metrics.evaluate`.
     """
+
+    def merit(tuned: Tuned[SettingT]) -> tuple[float, float]:
+        return (tuned.f_measure + tuned.count_accuracy) / 2, tuned.f_measure
+
     best: Tuned[SettingT] | None = None
     for setting in method.settings:
         scores = evaluate(references, [method.decide(observation, setting) for observation in observations], tolerance)
         tuned = Tuned(setting, scores.f_measure, scores.count_accuracy)
-        if best is None or (tuned.f_measure, tuned.count_accuracy) > (best.f_measure, best.count_accuracy):
+        if best is None or merit(tuned) > merit(best):
             best = tuned
     if best is None:
         raise InputError(f"method '{method.name}' has no settings to choose from; give it at least one.")
