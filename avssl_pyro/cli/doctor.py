@@ -14,7 +14,6 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.cli.localize import check_array
 from avssl_pyro.data.clip import SAMPLE_RATE, Clip
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
@@ -30,6 +29,7 @@ from avssl_pyro.inference.diagnosis.lag import check_lag, picture_change, sound_
 from avssl_pyro.inference.diagnosis.orientation import Turn
 from avssl_pyro.inference.pretrained import load_pretrained
 from avssl_pyro.inference.system import System
+from avssl_pyro.inference.trained_array import check_array
 
 EXIT_FINDINGS = 1
 FORMAT = "avssl-diagnosis/1"

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 from tqdm import tqdm
 
@@ -23,9 +22,10 @@ from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.pretrained import SAME_PLACE_M, load_pretrained
+from avssl_pyro.inference.pretrained import load_pretrained
 from avssl_pyro.inference.result import result_dict
 from avssl_pyro.inference.system import System
+from avssl_pyro.inference.trained_array import check_array
 from avssl_pyro.viz.overlay import save_overlay
 
 
@@ -119,34 +119,6 @@ def _system(options: LocalizeOptions) -> tuple[System, MicrophoneArray]:
     pretrained = load_pretrained(array)
     print(pretrained.sentence, file=sys.stderr)
     return pretrained.system, array
-
-
-def check_array(system: System, array: MicrophoneArray, where: str) -> None:
-    """Refuses a checkpoint that was trained for another array.
-
-    Raises:
-        InputError: the numbers of microphones, their places, or the kinds of steering differ.
-    """
-    trained = system.config.array
-    if trained.num_microphones != array.num_microphones:
-        raise InputError(
-            f"{where}: trained for array '{trained.name}' with {trained.num_microphones} microphones, but "
-            f"'{array.name}' has {array.num_microphones}; give a checkpoint of this array."
-        )
-    if trained.steering != array.steering:
-        raise InputError(
-            f"{where}: trained for array '{trained.name}' {trained.steering.phrase}, but '{array.name}' hears "
-            f"{array.steering.phrase}; give a checkpoint of this array."
-        )
-    if len(trained.positions) != len(array.positions):
-        return  # Of measured responses, positions are a remark.
-    distances_m = np.linalg.norm(trained.positions - array.positions, axis=-1)
-    if distances_m.max(initial=0.0) > SAME_PLACE_M:
-        worst = int(distances_m.argmax())
-        raise InputError(
-            f"{where}: trained for array '{trained.name}', whose microphone {worst + 1} is "
-            f"{100 * distances_m[worst]:.1f} cm from that of '{array.name}'; give a checkpoint of this array."
-        )
 
 
 def _audio_of_recording(options: LocalizeOptions) -> Path:
