@@ -9,7 +9,7 @@ from typing import Literal
 import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.tables import make_tables
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TEST, VALIDATION, Split, default_dataset
@@ -21,7 +21,7 @@ from avssl_pyro.evaluation.line_up import LineUp, system_band_hz
 from avssl_pyro.evaluation.report import print_table, write_report
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.pretrained import MOST_GENERAL, SHIPPED, load_pretrained, load_shipped
+from avssl_pyro.inference.pretrained import MOST_GENERAL, SHIPPED, load_shipped
 from avssl_pyro.inference.system import System
 
 
@@ -36,8 +36,8 @@ class EvaluateOptions:
     checkpoint: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Checkpoint of svi_train.py (.safetensors); with --tables one per number of microphones, the option repeated. By
     default the weights that come with the package."""
-    array: str = MOST_GENERAL
-    """Without --checkpoint and --tables: preset or YAML file of the array to evaluate the shipped weights with."""
+    array: str | None = None
+    """Without --tables: preset or YAML file of the array; by default that of the checkpoint, or circle6."""
     out: Path = Path("runs/evaluation")
     """Folder for report.json and report.md, or tables.json, tables.md, roc.png and cells/."""
     tables: bool = False
@@ -89,8 +89,6 @@ def evaluate_with(options: EvaluateOptions) -> None:
     if options.tables:
         make_tables(line_ups, partial(labeled_scenes, options), options.out)
         return
-    if len(line_ups) > 1:
-        raise InputError(f"{len(line_ups)} checkpoints were given; give one, or add --tables.")
     (line_up,) = line_ups
     array = line_up.system.config.array
     scenes_of = partial(labeled_scenes, options, options.condition, array=array)
@@ -103,13 +101,16 @@ def evaluate_with(options: EvaluateOptions) -> None:
 
 def _systems(options: EvaluateOptions) -> list[System]:
     """The systems of the checkpoints, or those that come with the package."""
-    if options.checkpoint:
-        return load_systems(options.checkpoint)
     if options.tables:
-        return [load_shipped(name) for name in SHIPPED]
-    pretrained = load_pretrained(resolve_array(options.array))
-    print(pretrained.sentence)
-    return [pretrained.system]
+        if options.array is not None:
+            raise InputError(
+                "--tables shows every array; leave out --array, and give a --checkpoint of each array or none at all."
+            )
+        return load_systems(options.checkpoint) if options.checkpoint else [load_shipped(name) for name in SHIPPED]
+    if len(options.checkpoint) > 1:
+        raise InputError(f"{len(options.checkpoint)} checkpoints were given; give one, or add --tables.")
+    system, _ = choose_system(next(iter(options.checkpoint), None), options.array, MOST_GENERAL)
+    return [system]
 
 
 def load_systems(checkpoints: Sequence[Path]) -> list[System]:

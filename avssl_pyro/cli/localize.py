@@ -12,20 +12,16 @@ import tyro
 from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.data.files import read_clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.pretrained import load_pretrained
 from avssl_pyro.inference.result import result_dict
-from avssl_pyro.inference.system import System
-from avssl_pyro.inference.trained_array import check_array
 from avssl_pyro.viz.overlay import save_overlay
 
 
@@ -79,7 +75,7 @@ def main(args: Sequence[str] | None = None) -> int | None:
     options = tyro.cli(LocalizeOptions, args=args)
     whole = options.recording.video is not None
     inputs = [] if whole else _inputs(options)
-    system, array = _system(options)
+    system, array = choose_system(options.checkpoint, options.array)
     for name, value in (("level", options.level_threshold), ("peak", options.peak_threshold)):
         if not 0 <= value <= 1:
             raise InputError(f"--{name}-threshold is {value}; give a number from 0 to 1.")
@@ -103,22 +99,6 @@ def main(args: Sequence[str] | None = None) -> int | None:
     if options.manifest is None:
         _print_sources(json.loads(lines[0]))
     return None
-
-
-def _system(options: LocalizeOptions) -> tuple[System, MicrophoneArray]:
-    """The system to localize with, and the array that recorded."""
-    array = None if options.array is None else resolve_array(options.array)
-    if options.checkpoint is not None:
-        system = load_checkpoint(options.checkpoint)
-        if array is None:
-            return system, system.config.array
-        check_array(system, array, str(options.checkpoint))
-        return system, array
-    if array is None:
-        raise InputError("give --array, the microphones that recorded: a preset or a YAML file; or give --checkpoint.")
-    pretrained = load_pretrained(array)
-    print(pretrained.sentence, file=sys.stderr)
-    return pretrained.system, array
 
 
 def _audio_of_recording(options: LocalizeOptions) -> Path:

@@ -156,6 +156,8 @@ def test_bad_input_is_told_before_anything_runs(
         (["--tables", *one, *one], "a second checkpoint for 4 microphones"),
         (["--tables", *one, "--test", folder], "give --scenes instead"),
         ([*one, "--scenes", folder, "--test", folder], "leave out --validation and --test"),
+        (["--tables", *one, "--array", "circle4"], "leave out --array"),
+        ([*one, "--array", "circle6"], "trained for array 'circle4' with 4 microphones, but 'circle6' has 6"),
         ([*arguments[1:]], "2 checkpoints were given; give one, or add --tables"),
         (["--tables", *one, "--scenes", str(tmp_path / "none")], "no such folder; --scenes wants"),
         (["--tables", *one, "--scenes", str(tmp_path)], "all-speak-validation: no manifest.json"),
