@@ -22,7 +22,6 @@ from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 # Close to the common overrelaxation of 2, and safe for a fixed number of rounds.
 STRETCH = 1.8
-LEAST_SHARE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -113,8 +112,8 @@ class TaughtLoss(nn.Module):
         pi_bk = level_pbk.reshape(-1, *level_pbk.shape[-2:]).mean(0)
         with torch.autocast(x_bfmt.device.type, enabled=False):
             target_bo = self._targets(x_bfmt[..., :: self._config.frame_step], mu_bkd.detach(), pi_bk.detach())
-            outcome_bo = self._outcomes(mu_bkd.softmax(-1), pi_bk).clamp_min(LEAST_SHARE)
-        return -(target_bo * outcome_bo.log()).sum(-1).mean()
+            log_outcome_bo = log_outcomes(mu_bkd.log_softmax(-1), pi_bk.log(), self._num_directed)
+        return -(target_bo * log_outcome_bo).sum(-1).mean()
 
     @torch.no_grad()
     def _targets(self, x_bfmt: Tensor, mu_bkd: Tensor, pi_bk: Tensor) -> Tensor:
@@ -126,13 +125,7 @@ class TaughtLoss(nn.Module):
         for _ in range(self._config.rounds - 1):
             point = ascent.step(point.log_w_bkd, point.pi_bk, STRETCH)
         share_bkd = point.log_w_bkd.softmax(-1) @ self._kernel(mu_bkd)
-        return self._outcomes(share_bkd, point.pi_bk)
-
-    def _outcomes(self, share_bkd: Tensor, pi_bk: Tensor) -> Tensor:
-        """How the sound is distributed, (B, D + 1): over the directions, sum_k pi_k w_kd, and from nowhere."""
-        n = self._num_directed
-        directed_bd = (pi_bk[:, None, :n] @ share_bkd[:, :n]).squeeze(1)
-        return torch.cat([directed_bd, pi_bk[:, n:].sum(-1, keepdim=True)], dim=-1)
+        return log_outcomes(share_bkd.log(), point.pi_bk.log(), self._num_directed).exp()
 
     def _kernel(self, like_bkd: Tensor) -> Tensor:
         """A von Mises kernel over directions, (D, D), each row summing to 1."""
@@ -140,3 +133,20 @@ class TaughtLoss(nn.Module):
         angle_d = 2 * math.pi / d * torch.arange(d, device=like_bkd.device, dtype=like_bkd.dtype)
         concentration = math.radians(self._config.smoothing_deg) ** -2
         return (concentration * (angle_d[:, None] - angle_d).cos()).softmax(-1)
+
+
+def log_outcomes(log_share_bkd: Tensor, log_pi_bk: Tensor, num_directed: int) -> Tensor:
+    """How the sound is distributed, (B, O), as logarithms: over the directions, sum_k pi_k w_kd, and from nowhere.
+
+    Logarithms, because a share that the softmax has rounded to nothing keeps its gradient in them.
+
+    Args:
+        log_share_bkd: log w, normalised over the directions.
+        log_pi_bk: logarithms of the mixing levels.
+        num_directed: how many classes, the first ones, hear directions; O is D if these are all, otherwise D + 1.
+    """
+    n = num_directed
+    directed_bd = (log_pi_bk[:, :n, None] + log_share_bkd[:, :n]).logsumexp(1)
+    if n == log_pi_bk.shape[1]:
+        return directed_bd
+    return torch.cat([directed_bd, log_pi_bk[:, n:].logsumexp(-1, keepdim=True)], dim=-1)

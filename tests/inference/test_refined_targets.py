@@ -11,7 +11,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss
+from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss, log_outcomes
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
@@ -88,6 +88,28 @@ def test_the_guide_learns_where_the_talkers_are(data: tuple[Tensor, Tensor]) -> 
     sound_bd = (level_bk[:, None] @ parameters.mu_bkd.softmax(-1)).squeeze(1)
     near = [d + offset for d in TRUE_DIRECTIONS for offset in (-1, 0, 1)]
     assert (sound_bd[:, near].sum(-1) > 0.6).all()
+
+
+@pytest.mark.parametrize("num_directed", [2, 3])
+def test_outcomes_are_the_mixture_over_classes(num_directed: int) -> None:
+    share_bkd, pi_bk = torch.rand(B, 3, D).softmax(-1), torch.rand(B, 3).softmax(-1)
+    n = num_directed
+    outcome_bo = log_outcomes(share_bkd.log(), pi_bk.log(), n).exp()
+    torch.testing.assert_close(outcome_bo[:, :D], torch.einsum("bk,bkd->bd", pi_bk[:, :n], share_bkd[:, :n]))
+    torch.testing.assert_close(outcome_bo.sum(-1), torch.ones(B))
+    assert outcome_bo.shape == (B, D + 3 - n)
+
+
+def test_a_direction_that_the_guide_rules_out_keeps_its_gradient() -> None:
+    mu_bkd = torch.zeros(1, 2, D)
+    mu_bkd[:, :, 5] = -150.0
+    assert mu_bkd.softmax(-1)[..., 5].eq(0).all()
+    mu_bkd.requires_grad_()
+    log_outcome_bo = log_outcomes(mu_bkd.log_softmax(-1), torch.tensor([[0.5, 0.5]]).log(), 2)
+    (-log_outcome_bo[0, 5]).backward()
+    assert mu_bkd.grad is not None
+    # All of the gradient of a cross-entropy, not a rest of it: both classes are drawn there alike.
+    torch.testing.assert_close(mu_bkd.grad[0, :, 5], torch.tensor([-0.5, -0.5]))
 
 
 def test_the_weight_rises_over_the_warmup_and_stays() -> None:
