@@ -45,13 +45,13 @@ class EvaluateOptions:
     no_audio_checkpoint: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Checkpoints trained with --guide.no-audio-net, one per array; by default the row no-audio-net is the same visual
     network with all mixing levels at 1/K."""
-    scenes: Path | None = None
+    sets: Path | None = None
     """Folder made of four sets of simulate.py: all-speak-validation, all-speak-test, some-silent-validation and
     some-silent-test; by default small sets made here."""
-    validation: tuple[Path, ...] = ()
-    """Instead of --scenes and without --tables: folders of shards to tune thresholds on."""
-    test: tuple[Path, ...] = ()
-    """Instead of --scenes and without --tables: folders of shards to score."""
+    validation_data: tuple[Path, ...] = ()
+    """Instead of --sets and without --tables: folders of shards to tune thresholds on."""
+    test_data: tuple[Path, ...] = ()
+    """Instead of --sets and without --tables: folders of shards to score."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
     """Condition of the sets, and name of it in the report; --tables runs both."""
     cache: Path = Path("cache")
@@ -61,11 +61,11 @@ class EvaluateOptions:
     test_scenes: int = 200
     """Size of the default test set."""
     rounds: int = RefinementConfig.rounds
-    """Most rounds of closed-form ascent per clip, for the rows refined."""
+    """Most rounds of refinement, at least 1, for the rows refined."""
     same_band: bool = False
     """Let the baselines search all frequencies that the system listens to, instead of pyroomacoustics' 500-4000 Hz."""
-    jobs: int = -1
-    """Processes for the baselines; -1 is one per core."""
+    workers: int | None = None
+    """Processes for the baselines; by default one per core."""
     device: str = "cpu"
     """Torch device of the networks."""
 
@@ -81,10 +81,12 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def evaluate_with(options: EvaluateOptions) -> None:
     """Evaluates as the options say, prints the tables and writes the report."""
-    if options.scenes is not None and (options.validation or options.test):
-        raise InputError("--scenes brings validation and test scenes of its own; leave out --validation and --test.")
-    if options.tables and (options.validation or options.test):
-        raise InputError("--tables runs both conditions; give --scenes instead of --validation and --test.")
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers is {options.workers}; give a number of at least 1, or none for one per core.")
+    if options.sets is not None and (options.validation_data or options.test_data):
+        raise InputError("--sets brings scenes for both; leave out --validation-data and --test-data.")
+    if options.tables and (options.validation_data or options.test_data):
+        raise InputError("--tables runs both conditions; give --sets instead of --validation-data and --test-data.")
     line_ups = _line_ups(options)
     if options.tables:
         make_tables(line_ups, partial(labeled_scenes, options), options.out)
@@ -149,7 +151,7 @@ def _line_ups(options: EvaluateOptions) -> list[LineUp]:
             by_array.get(system.config.array, system),
             system.refinement(rounds=options.rounds),
             system_band_hz(system) if options.same_band else DEFAULT_BAND_HZ,
-            options.jobs,
+            options.workers,
             options.device,
         )
         for system in systems
@@ -158,13 +160,11 @@ def _line_ups(options: EvaluateOptions) -> list[LineUp]:
 
 def labeled_scenes(options: EvaluateOptions, condition: str, split: Split, array: MicrophoneArray) -> LabeledScenes:
     """Scenes of the given folders, or the default ones of the condition and split."""
-    folders = options.validation if split is VALIDATION else options.test
-    if options.scenes is not None:
-        if not options.scenes.is_dir():
-            raise InputError(
-                f"{options.scenes}: no such folder; --scenes wants one with '{condition}-{split.name}' in it."
-            )
-        folders = (options.scenes / f"{condition}-{split.name}",)
+    folders = options.validation_data if split is VALIDATION else options.test_data
+    if options.sets is not None:
+        if not options.sets.is_dir():
+            raise InputError(f"{options.sets}: no such folder; --sets wants one with '{condition}-{split.name}' in it.")
+        folders = (options.sets / f"{condition}-{split.name}",)
     if folders:
         return LabeledScenes(SceneDataset(folders, array))
     num_scenes = options.validation_scenes if split is VALIDATION else options.test_scenes

@@ -30,7 +30,7 @@ class GalleryOptions:
     Scenes with anybody closer than a metre are passed over, so that no face is larger than a few pixels.
     """
 
-    scenes: Path
+    data: Path
     """Folder of shards made by simulate.py."""
     out: Path = Path("runs/gallery.png")
     """The picture: scenes with two talkers on the left, with three on the right."""
@@ -52,7 +52,7 @@ def main(args: Sequence[str] | None = None) -> None:
     if options.out.suffix.lower() != ".png" or options.each < 1:
         raise InputError(f"--out {options.out} must end in .png, and --each {options.each} be at least 1.")
     system, _ = choose_system(options.checkpoint, options.array, MOST_GENERAL)
-    dataset = SceneDataset(options.scenes, system.config.array)
+    dataset = SceneDataset(options.data, system.config.array)
     localizer = refining_localizer(system)
     columns = [_column(localizer, dataset, talkers, options) for talkers in (2, 3)]
     save_png(options.out, np.concatenate(columns, axis=1))
@@ -65,7 +65,7 @@ def _column(
     chosen = chosen_scenes(dataset, talkers, options.each)
     if len(chosen) < options.each:
         raise InputError(
-            f"{options.scenes}: only {len(chosen)} scenes have {talkers} talkers, a silent person and nobody close; "
+            f"{options.data}: only {len(chosen)} scenes have {talkers} talkers, a silent person and nobody close; "
             "give more scenes."
         )
     pictures = []

@@ -43,7 +43,7 @@ class RecordingOptions:
     annotated: Path | None = None
     """With --video: the video with its sources drawn in, to be written: .mp4 (H.264) or .webm (VP9)."""
     rate: float | None = None
-    """With --video: results per second, each of one second of sound; by default 2, or 10 with --refine 0."""
+    """With --video: results per second, each of one second of sound; by default 2, or 10 with --rounds 0."""
     tracking: bool = True
     """With --video: link the results over time, so that a source keeps its number and a short miss is bridged."""
     offset: float = 0.0

@@ -39,7 +39,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_report_has_every_method_and_field(checkpoint: Path, scene_folder: Path, tmp_path: Path) -> None:
     folder = str(scene_folder)
-    sets = ["--validation", folder, "--test", folder, "--jobs", "1"]
+    sets = ["--validation-data", folder, "--test-data", folder, "--workers", "1"]
     evaluate.main(["--checkpoint", str(checkpoint), "--out", str(tmp_path), *sets])
     rows = json.loads((tmp_path / "report.json").read_text())
     assert all(set(row) >= FIELDS for row in rows)
@@ -69,7 +69,7 @@ def test_the_comparison_agrees_and_a_wrong_prior_would_not(
     assert "DISAGREE" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("main", [compare_elbo.main, lambda words: gallery.main(["--scenes", "none", *words])])
+@pytest.mark.parametrize("main", [compare_elbo.main, lambda words: gallery.main(["--data", "none", *words])])
 def test_a_checkpoint_of_another_array_is_refused(main: Callable[[Sequence[str]], object], checkpoint: Path) -> None:
     with pytest.raises(InputError, match=r"small\.safetensors: trained for array 'circle4' with 4 microphones, but"):
         main(["--checkpoint", str(checkpoint), "--array", "circle6"])

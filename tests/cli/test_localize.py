@@ -51,7 +51,7 @@ def test_the_result_is_documented_and_the_overlay_a_picture(
     checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
 ) -> None:
     out, overlay = tmp_path / "result.json", tmp_path / "overlay.png"
-    main(arguments(checkpoint, *clip, out, "--overlay", str(overlay), "--peak-threshold", "0", "--array", "circle4"))
+    main(arguments(checkpoint, *clip, out, "--overlay", str(overlay), "--thresholds.peak", "0", "--array", "circle4"))
     result = json.loads(out.read_text())
     assert result["format"] == "avssl-result/1"
     assert np.array(result["direction_weights"]).shape == (4, 72)
@@ -259,7 +259,7 @@ def test_bad_input_gets_one_sentence_and_leaves_nothing(
     ("content", "says"),
     [
         ("audio\nclip.wav\n", "column 'image' is missing"),
-        ("audio,image\n", "holds no clip"),
+        ("audio,image\n", "holds nothing below its first line"),
         ("audio,image\nclip.wav,\n", "line 2: column 'image' is empty"),
         ("audio,image\nclip.wav,gone.png\n", "gone.png: no such image file"),
     ],

@@ -18,7 +18,7 @@ from avssl_pyro.inference.interruption import StopRequest
 from avssl_pyro.viz.video_writer import open_video
 
 ROWS, COLUMNS, FRAME_RATE, SECONDS = 160, 320, 10.0, 3
-ALL_CLASSES = ("--peak-threshold", "0", "--level-threshold", "0")
+ALL_CLASSES = ("--thresholds.peak", "0", "--thresholds.level", "0")
 
 
 @pytest.fixture
@@ -37,8 +37,8 @@ def recording(tmp_path: Path) -> tuple[Path, Path]:
 
 def arguments(checkpoint: Path, recording: tuple[Path, Path], out: Path, *more: str) -> list[str]:
     video, audio = (str(path) for path in recording)
-    refine = () if "--refine" in more else ("--refine", "0")
-    return ["--checkpoint", str(checkpoint), "--video", video, "--audio", audio, "--out", str(out), *refine, *more]
+    rounds = () if "--rounds" in more else ("--rounds", "0")
+    return ["--checkpoint", str(checkpoint), "--video", video, "--audio", audio, "--out", str(out), *rounds, *more]
 
 
 def lines_of(path: Path) -> list[dict[str, object]]:
@@ -79,7 +79,7 @@ def test_tracks_have_numbers_and_refined_results_come_twice_a_second(
     checkpoint: Path, recording: tuple[Path, Path], tmp_path: Path
 ) -> None:
     out = tmp_path / "out.jsonl"
-    assert main(arguments(checkpoint, recording, out, "--refine", "1", *ALL_CLASSES)) == 0
+    assert main(arguments(checkpoint, recording, out, "--rounds", "1", *ALL_CLASSES)) == 0
     lines = lines_of(out)
     assert [line["time_s"] for line in lines] == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5])
     for line in lines:
@@ -95,7 +95,7 @@ def test_the_command_of_the_page_works(
     (command,) = re.findall(r"^python scripts/localize\.py (.*?[^\\])$", page, re.DOTALL | re.MULTILINE)
     monkeypatch.chdir(tmp_path)
     words = shlex.split(command.replace("\\\n", " "))
-    words += ["--refine", "1"]
+    words += ["--rounds", "1"]
     assert main(words) == 0
     assert {"walk.jsonl", "walk.csv", "walk-annotated.mp4"} <= {path.name for path in tmp_path.iterdir()}
 
