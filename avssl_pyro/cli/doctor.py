@@ -116,6 +116,7 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
         placed.elevations,
         array.channel_indices,
     )
+    recording.check_picture()
     still_ijc = None if options.image is None else recording.fit(read_image(options.image))
     findings = examine(read_excerpts(audio).select(array.channel_indices), array)
     if video is not None:

@@ -15,6 +15,7 @@ from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.command import EXIT_INTERRUPTED
 from avssl_pyro.cli.placement import PlacementOptions
 from avssl_pyro.data.dcase import write_dcase
+from avssl_pyro.data.excerpts import read_excerpts
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.data.recording_list import RecordingFiles
 from avssl_pyro.errors import InputError
@@ -79,6 +80,8 @@ def open_recording(options: RecordingOptions, audio: Path, array: MicrophoneArra
         raise InputError(
             f"{audio}: sound and picture have {recording.duration_s:.2f} s in common; a result needs {WINDOW_S:g} s."
         )
+    recording.check_picture()
+    read_excerpts(audio).select(array.channel_indices).check_live(audio)
     return recording
 
 

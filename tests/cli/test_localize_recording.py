@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 import pytest
 import soundfile
@@ -155,6 +156,30 @@ def truncated_video(video: Path, _audio: Path) -> list[str]:
     return []
 
 
+def dead_channel(_video: Path, audio: Path) -> list[str]:
+    samples_nm, rate = soundfile.read(audio)
+    samples_nm[:, 0] = 0
+    soundfile.write(audio, samples_nm, rate)
+    return []
+
+
+def fisheye(video: Path, _audio: Path) -> list[str]:
+    circle_ijc = np.zeros((ROWS, COLUMNS, 3), np.uint8)
+    cv2.circle(circle_ijc, (COLUMNS // 2, ROWS // 2), ROWS // 2 - 2, (150, 150, 150), -1)
+    with open_video(video, COLUMNS, ROWS, FRAME_RATE) as out:
+        for index in range(round(SECONDS * FRAME_RATE)):
+            out.write(circle_ijc, index / FRAME_RATE)
+    return []
+
+
+def damaged_flac(_video: Path, audio: Path) -> list[str]:
+    flac = audio.with_suffix(".flac")
+    soundfile.write(flac, soundfile.read(audio)[0], 24_000)
+    content = flac.read_bytes()
+    flac.write_bytes(content[: len(content) // 2])
+    return ["--audio", str(flac)]
+
+
 def three_channels(_video: Path, audio: Path) -> list[str]:
     samples_nm, rate = soundfile.read(audio)
     soundfile.write(audio, samples_nm[:, :3], rate)
@@ -193,6 +218,9 @@ def image_as_well(video: Path, _audio: Path) -> list[str]:
         (missing_audio, "walk.wav: no such audio file"),
         (missing_video, "walk.mp4: no such video file"),
         (truncated_video, "walk.mp4: cannot be read as video"),
+        (dead_channel, "walk.wav: channel 1 is dead, constant throughout"),
+        (fisheye, "walk.mp4: one fisheye picture on black; export it as equirectangular"),
+        (damaged_flac, "walk.flac: cannot be read as audio"),
         (three_channels, "walk.wav: 3 channel(s), but array 'circle4' has 4 microphones"),
         (folder_as_output, "is not a regular file"),
         (video_as_output, "walk.mp4: is read or written by the same command already"),
