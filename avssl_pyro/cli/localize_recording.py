@@ -161,6 +161,13 @@ def localize_recording(
                 file=sys.stderr,
             )
             return EXIT_INTERRUPTED
+        unseen = len(recording.window_starts(1 / rate, WINDOW_S)) - len(windows)
+        if unseen:
+            print(
+                f"warning: {options.video}: {unseen} windows have no picture, where the video has a gap or ends; they "
+                "have no result.",
+                file=sys.stderr,
+            )
         print(_summary(timeline, recording.duration_s, options.tracking))
         if options.annotated is not None and not _draw(
             options.annotated, recording, timeline, localizer, refined, stop

@@ -133,6 +133,22 @@ def test_an_interrupted_run_leaves_whole_lines_and_says_how_far_it_came(
     assert not annotated.exists()
 
 
+def test_a_video_that_was_cut_off_is_localized_as_far_as_it_goes_and_that_is_said(
+    checkpoint: Path, recording: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video, _ = recording
+    rng = np.random.default_rng(0)
+    with open_video(video, COLUMNS, ROWS, FRAME_RATE) as writer:
+        for index in range(round(SECONDS * FRAME_RATE)):
+            writer.write(rng.integers(0, 256, (ROWS, COLUMNS, 3), dtype=np.uint8), index / FRAME_RATE)
+    content = video.read_bytes()
+    video.write_bytes(content[: len(content) // 3])
+    assert main(arguments(checkpoint, recording, tmp_path / "out.jsonl")) == 0
+    lines = lines_of(tmp_path / "out.jsonl")
+    assert 10 <= len(lines) < 21
+    assert f"walk.mp4: {21 - len(lines)} windows have no picture" in capsys.readouterr().err
+
+
 def no_overlap(_video: Path, _audio: Path) -> list[str]:
     return ["--offset", "100"]
 
