@@ -47,8 +47,11 @@ SMALL_TRAINING = {
 MAINS: dict[str, tuple[Callable[[Sequence[str]], object], dict[str, str]]] = {
     "simulate.py": (simulate.main, {"--scenes": "2", "--workers": "1"}),
     "svi_train.py": (train.main, SMALL_TRAINING),
-    "evaluate.py": (evaluate.main, {"--test-scenes": "2", "--validation-scenes": "2", "--rounds": "2", "--jobs": "1"}),
-    "localize.py": (localize.main, {"--refine": "2"}),
+    "evaluate.py": (
+        evaluate.main,
+        {"--test-scenes": "2", "--validation-scenes": "2", "--rounds": "2", "--workers": "1"},
+    ),
+    "localize.py": (localize.main, {"--rounds": "2"}),
     "doctor.py": (doctor.main, {}),
     "prepare.py": (prepare.main, {}),
     "compare_recordings.py": (compare_recordings.main, {"--rounds": "3"}),

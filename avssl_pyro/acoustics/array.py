@@ -202,7 +202,11 @@ class MicrophoneArray:
         """
         try:
             data = yaml.safe_load(path.read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
+        except UnicodeDecodeError as error:
+            raise InputError(
+                f"{path}: is no text; give a YAML file, which may name a SOFA file of measured responses."
+            ) from error
+        except OSError as error:
             raise InputError(f"{path}: cannot read the array file ({error}).") from error
         # YAML's own constructors let ValueError through (a date such as 2020-13-45), and deep nesting RecursionError.
         except (yaml.YAMLError, ValueError, RecursionError) as error:

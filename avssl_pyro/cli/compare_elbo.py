@@ -12,9 +12,9 @@ from rich.table import Table
 
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import stft
+from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.data.batch import collate_clips
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.elbo_comparison import (
     Difference,
     explicit_mask_differences,
@@ -27,6 +27,7 @@ from avssl_pyro.simulation.scenes import SceneSimulator
 MAX_STANDARD_ERRORS = 4.0
 MAX_RELATIVE = 1e-9
 EXIT_DISAGREES = 1
+FRESH_ARRAY = "circle4"
 
 
 @dataclass(frozen=True)
@@ -38,8 +39,8 @@ class CompareOptions:
 
     checkpoint: Path | None = None
     """Checkpoint of svi_train.py; by default a fresh model."""
-    array: str = "circle4"
-    """Array of the fresh model."""
+    array: str | None = None
+    """Preset or YAML file of the array; by default that of the checkpoint, or circle4."""
     model: ModelConfig = field(default_factory=ModelConfig)
     guide: GuideConfig = field(default_factory=GuideConfig)
     clips: int = 2
@@ -92,14 +93,14 @@ def double_precision(system: System) -> System:
 
 def _system(options: CompareOptions) -> System:
     if options.checkpoint is not None:
-        system = load_checkpoint(options.checkpoint)
+        system, _ = choose_system(options.checkpoint, options.array)
         if not system.config.guide.audio_net:
             raise InputError(
                 f"{options.checkpoint}: has no audio network; the closed forms are those of the whole guide."
             )
         return system
     torch.manual_seed(options.seed)
-    return build_system(SystemConfig(resolve_array(options.array), options.model, options.guide))
+    return build_system(SystemConfig(resolve_array(options.array or FRESH_ARRAY), options.model, options.guide))
 
 
 def _batch(options: CompareOptions, system: System) -> tuple[torch.Tensor, torch.Tensor]:

@@ -106,8 +106,13 @@ def main(args: Sequence[str] | None = None) -> None:
 
 
 def _clip(recording: LabeledRecording, array: MicrophoneArray) -> Clip:
-    black = np.zeros((IMAGE_ROWS, IMAGE_COLUMNS, 3), np.uint8)
-    return Clip(recording.path.name, read_audio(recording.path, array), black)
+    audio_mn = read_audio(recording.path, array)
+    if recording.azimuths and not audio_mn.any():
+        raise InputError(
+            f"{recording.path}: is silent throughout, but its labels name somebody who talks; give another recording, "
+            "or leave its field azimuth_deg empty."
+        )
+    return Clip(recording.path.name, audio_mn, np.zeros((IMAGE_ROWS, IMAGE_COLUMNS, 3), np.uint8))
 
 
 def _ours(

@@ -7,12 +7,12 @@ from pathlib import Path
 import tyro
 
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
-from avssl_pyro.cli.gallery import overlay_of
+from avssl_pyro.cli.gallery import overlay_of, refining_localizer
 from avssl_pyro.cli.train import PRESETS, train_with
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TEST, default_dataset
 from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.system import System
+from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig
 from avssl_pyro.viz.png import save_png
 
@@ -60,11 +60,11 @@ def main(args: Sequence[str] | None = None) -> None:
     )
     system = load_checkpoint(checkpoint)
     test = default_dataset(options.cache, TEST, "some-silent", options.test_scenes, system.config.array)
-    draw_overlays(system, test, options.overlays, options.out)
+    draw_overlays(refining_localizer(system), test, options.overlays, options.out)
     print(f"{options.out}: report.md, curves.png and overlay-*.png are worth a look.")
 
 
-def draw_overlays(system: System, dataset: SceneDataset, number: int, folder: Path) -> None:
+def draw_overlays(localizer: Localizer, dataset: SceneDataset, number: int, folder: Path) -> None:
     """Draws the first ``number`` scenes of a data set with their true azimuths as ``overlay-*.png``."""
     for index in range(min(number, len(dataset))):
-        save_png(folder / f"overlay-{index}.png", overlay_of(system, dataset, index))
+        save_png(folder / f"overlay-{index}.png", overlay_of(localizer, dataset, index))

@@ -3,8 +3,9 @@
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -14,7 +15,7 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.cli.localize import check_array
+from avssl_pyro.cli.placement import PlacementOptions
 from avssl_pyro.data.clip import SAMPLE_RATE, Clip
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
@@ -30,6 +31,7 @@ from avssl_pyro.inference.diagnosis.lag import check_lag, picture_change, sound_
 from avssl_pyro.inference.diagnosis.orientation import Turn
 from avssl_pyro.inference.pretrained import load_pretrained
 from avssl_pyro.inference.system import System
+from avssl_pyro.inference.trained_array import check_array
 
 EXIT_FINDINGS = 1
 FORMAT = "avssl-diagnosis/1"
@@ -56,12 +58,8 @@ class DoctorOptions:
     """Checkpoint of svi_train.py, to find out how the camera is turned against the array and whether it is mirrored."""
     camera: bool = False
     """Find that out with the weights that come with the package."""
-    offset: float = 0.0
-    """Seconds that the audio began before the video, as far as known; negative if it began later."""
-    yaw: float = 0.0
-    """Azimuth, in degrees seen from the array, of what the centre of the picture shows, as far as known."""
-    mirror: bool = False
-    """The picture is known to show left and right exchanged."""
+    placement: Annotated[PlacementOptions, tyro.conf.arg(name="")] = field(default_factory=PlacementOptions)
+    """How picture and sound lie to each other, as far as known."""
     json: bool = False
     """Print JSON instead of lines."""
 
@@ -107,21 +105,25 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
     video = None if options.video is None else VideoFile(options.video)
     file = AudioFile(audio)
     check_channels(file.num_channels, array, str(audio))
+    placed = options.placement
     recording = Recording(
         audio.stem,
         file,
         video,
-        options.offset,
-        options.yaw,
-        options.mirror,
-        channels=array.channel_indices,
+        placed.offset,
+        placed.yaw,
+        placed.mirror,
+        placed.elevations,
+        array.channel_indices,
     )
+    recording.check_picture()
+    still_ijc = None if options.image is None else recording.fit(read_image(options.image))
     findings = examine(read_excerpts(audio).select(array.channel_indices), array)
     if video is not None:
         findings += check_durations(recording.audio.duration_s, recording.audio.sample_rate, video.duration_s)
         findings += _lag(recording, video)
     if looks:
-        findings += _camera(options, system, array, _clips(recording, options.image))
+        findings += _camera(options, system, array, _clips(recording, still_ijc))
     return findings
 
 
@@ -144,7 +146,7 @@ def _camera(
         system = pretrained.system
     else:
         return ()
-    given = Turn(options.mirror, options.yaw) if options.data is None else AS_IT_IS
+    given = Turn(options.placement.mirror, options.placement.yaw) if options.data is None else AS_IT_IS
     return check_camera(system, clips, given, progress=True)
 
 
@@ -169,10 +171,9 @@ def _lag(recording: Recording, video: VideoFile) -> tuple[Finding, ...]:
     return check_lag(energy_t, change_t, recording.offset_s)
 
 
-def _clips(recording: Recording, image: Path | None) -> list[Clip]:
+def _clips(recording: Recording, still_ijc: npt.NDArray[np.uint8] | None) -> list[Clip]:
     starts_s = recording.window_starts(hop_s=1.0)
     clips = []
-    still_ijc = None if image is None else recording.fit(read_image(image))
     for start_s in (starts_s[index] for index in evenly(len(starts_s), MOST_EXCERPTS)):
         image_ijc = still_ijc
         if recording.video is not None:

@@ -9,7 +9,7 @@ from typing import Literal
 import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.tables import make_tables
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TEST, VALIDATION, Split, default_dataset
@@ -21,7 +21,7 @@ from avssl_pyro.evaluation.line_up import LineUp, system_band_hz
 from avssl_pyro.evaluation.report import print_table, write_report
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.pretrained import MOST_GENERAL, SHIPPED, load_pretrained, load_shipped
+from avssl_pyro.inference.pretrained import MOST_GENERAL, SHIPPED, load_shipped
 from avssl_pyro.inference.system import System
 
 
@@ -36,8 +36,8 @@ class EvaluateOptions:
     checkpoint: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Checkpoint of svi_train.py (.safetensors); with --tables one per number of microphones, the option repeated. By
     default the weights that come with the package."""
-    array: str = MOST_GENERAL
-    """Without --checkpoint and --tables: preset or YAML file of the array to evaluate the shipped weights with."""
+    array: str | None = None
+    """Without --tables: preset or YAML file of the array; by default that of the checkpoint, or circle6."""
     out: Path = Path("runs/evaluation")
     """Folder for report.json and report.md, or tables.json, tables.md, roc.png and cells/."""
     tables: bool = False
@@ -45,13 +45,13 @@ class EvaluateOptions:
     no_audio_checkpoint: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
     """Checkpoints trained with --guide.no-audio-net, one per array; by default the row no-audio-net is the same visual
     network with all mixing levels at 1/K."""
-    scenes: Path | None = None
+    sets: Path | None = None
     """Folder made of four sets of simulate.py: all-speak-validation, all-speak-test, some-silent-validation and
     some-silent-test; by default small sets made here."""
-    validation: tuple[Path, ...] = ()
-    """Instead of --scenes and without --tables: folders of shards to tune thresholds on."""
-    test: tuple[Path, ...] = ()
-    """Instead of --scenes and without --tables: folders of shards to score."""
+    validation_data: tuple[Path, ...] = ()
+    """Instead of --sets and without --tables: folders of shards to tune thresholds on."""
+    test_data: tuple[Path, ...] = ()
+    """Instead of --sets and without --tables: folders of shards to score."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
     """Condition of the sets, and name of it in the report; --tables runs both."""
     cache: Path = Path("cache")
@@ -61,11 +61,11 @@ class EvaluateOptions:
     test_scenes: int = 200
     """Size of the default test set."""
     rounds: int = RefinementConfig.rounds
-    """Most rounds of closed-form ascent per clip, for the rows refined."""
+    """Most rounds of refinement, at least 1, for the rows refined."""
     same_band: bool = False
     """Let the baselines search all frequencies that the system listens to, instead of pyroomacoustics' 500-4000 Hz."""
-    jobs: int = -1
-    """Processes for the baselines; -1 is one per core."""
+    workers: int | None = None
+    """Processes for the baselines; by default one per core."""
     device: str = "cpu"
     """Torch device of the networks."""
 
@@ -81,16 +81,16 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def evaluate_with(options: EvaluateOptions) -> None:
     """Evaluates as the options say, prints the tables and writes the report."""
-    if options.scenes is not None and (options.validation or options.test):
-        raise InputError("--scenes brings validation and test scenes of its own; leave out --validation and --test.")
-    if options.tables and (options.validation or options.test):
-        raise InputError("--tables runs both conditions; give --scenes instead of --validation and --test.")
+    if options.workers is not None and options.workers < 1:
+        raise InputError(f"--workers is {options.workers}; give a number of at least 1, or none for one per core.")
+    if options.sets is not None and (options.validation_data or options.test_data):
+        raise InputError("--sets brings scenes for both; leave out --validation-data and --test-data.")
+    if options.tables and (options.validation_data or options.test_data):
+        raise InputError("--tables runs both conditions; give --sets instead of --validation-data and --test-data.")
     line_ups = _line_ups(options)
     if options.tables:
         make_tables(line_ups, partial(labeled_scenes, options), options.out)
         return
-    if len(line_ups) > 1:
-        raise InputError(f"{len(line_ups)} checkpoints were given; give one, or add --tables.")
     (line_up,) = line_ups
     array = line_up.system.config.array
     scenes_of = partial(labeled_scenes, options, options.condition, array=array)
@@ -103,13 +103,16 @@ def evaluate_with(options: EvaluateOptions) -> None:
 
 def _systems(options: EvaluateOptions) -> list[System]:
     """The systems of the checkpoints, or those that come with the package."""
-    if options.checkpoint:
-        return load_systems(options.checkpoint)
     if options.tables:
-        return [load_shipped(name) for name in SHIPPED]
-    pretrained = load_pretrained(resolve_array(options.array))
-    print(pretrained.sentence)
-    return [pretrained.system]
+        if options.array is not None:
+            raise InputError(
+                "--tables shows every array; leave out --array, and give a --checkpoint of each array or none at all."
+            )
+        return load_systems(options.checkpoint) if options.checkpoint else [load_shipped(name) for name in SHIPPED]
+    if len(options.checkpoint) > 1:
+        raise InputError(f"{len(options.checkpoint)} checkpoints were given; give one, or add --tables.")
+    system, _ = choose_system(next(iter(options.checkpoint), None), options.array, MOST_GENERAL)
+    return [system]
 
 
 def load_systems(checkpoints: Sequence[Path]) -> list[System]:
@@ -148,7 +151,7 @@ def _line_ups(options: EvaluateOptions) -> list[LineUp]:
             by_array.get(system.config.array, system),
             system.refinement(rounds=options.rounds),
             system_band_hz(system) if options.same_band else DEFAULT_BAND_HZ,
-            options.jobs,
+            options.workers,
             options.device,
         )
         for system in systems
@@ -157,13 +160,11 @@ def _line_ups(options: EvaluateOptions) -> list[LineUp]:
 
 def labeled_scenes(options: EvaluateOptions, condition: str, split: Split, array: MicrophoneArray) -> LabeledScenes:
     """Scenes of the given folders, or the default ones of the condition and split."""
-    folders = options.validation if split is VALIDATION else options.test
-    if options.scenes is not None:
-        if not options.scenes.is_dir():
-            raise InputError(
-                f"{options.scenes}: no such folder; --scenes wants one with '{condition}-{split.name}' in it."
-            )
-        folders = (options.scenes / f"{condition}-{split.name}",)
+    folders = options.validation_data if split is VALIDATION else options.test_data
+    if options.sets is not None:
+        if not options.sets.is_dir():
+            raise InputError(f"{options.sets}: no such folder; --sets wants one with '{condition}-{split.name}' in it.")
+        folders = (options.sets / f"{condition}-{split.name}",)
     if folders:
         return LabeledScenes(SceneDataset(folders, array))
     num_scenes = options.validation_scenes if split is VALIDATION else options.test_scenes

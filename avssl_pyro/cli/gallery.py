@@ -9,13 +9,12 @@ import numpy as np
 import numpy.typing as npt
 import tyro
 
-from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.pretrained import MOST_GENERAL, load_pretrained
+from avssl_pyro.inference.pretrained import MOST_GENERAL
 from avssl_pyro.inference.system import System
 from avssl_pyro.viz.overlay import draw_overlay
 from avssl_pyro.viz.png import save_png
@@ -31,14 +30,14 @@ class GalleryOptions:
     Scenes with anybody closer than a metre are passed over, so that no face is larger than a few pixels.
     """
 
-    scenes: Path
+    data: Path
     """Folder of shards made by simulate.py."""
     out: Path = Path("runs/gallery.png")
     """The picture: scenes with two talkers on the left, with three on the right."""
     checkpoint: Path | None = None
     """Checkpoint of svi_train.py; by default the weights that come with the package."""
-    array: str = MOST_GENERAL
-    """Without --checkpoint: preset or YAML file of the array."""
+    array: str | None = None
+    """Preset or YAML file of the array; by default that of the checkpoint, or circle6."""
     each: int = 3
     """Scenes for each number of talkers."""
 
@@ -52,28 +51,26 @@ def main(args: Sequence[str] | None = None) -> None:
     options = tyro.cli(GalleryOptions, args=args)
     if options.out.suffix.lower() != ".png" or options.each < 1:
         raise InputError(f"--out {options.out} must end in .png, and --each {options.each} be at least 1.")
-    if options.checkpoint is None:
-        pretrained = load_pretrained(resolve_array(options.array))
-        print(pretrained.sentence)
-        system = pretrained.system
-    else:
-        system = load_checkpoint(options.checkpoint)
-    dataset = SceneDataset(options.scenes, system.config.array)
-    columns = [_column(system, dataset, talkers, options) for talkers in (2, 3)]
+    system, _ = choose_system(options.checkpoint, options.array, MOST_GENERAL)
+    dataset = SceneDataset(options.data, system.config.array)
+    localizer = refining_localizer(system)
+    columns = [_column(localizer, dataset, talkers, options) for talkers in (2, 3)]
     save_png(options.out, np.concatenate(columns, axis=1))
     print(f"{options.out}: written.")
 
 
-def _column(system: System, dataset: SceneDataset, talkers: int, options: GalleryOptions) -> npt.NDArray[np.uint8]:
+def _column(
+    localizer: Localizer, dataset: SceneDataset, talkers: int, options: GalleryOptions
+) -> npt.NDArray[np.uint8]:
     chosen = chosen_scenes(dataset, talkers, options.each)
     if len(chosen) < options.each:
         raise InputError(
-            f"{options.scenes}: only {len(chosen)} scenes have {talkers} talkers, a silent person and nobody close; "
+            f"{options.data}: only {len(chosen)} scenes have {talkers} talkers, a silent person and nobody close; "
             "give more scenes."
         )
     pictures = []
     for index in chosen:
-        picture_ijc = overlay_of(system, dataset, index)
+        picture_ijc = overlay_of(localizer, dataset, index)
         height = round(picture_ijc.shape[0] * COLUMN_WIDTH / picture_ijc.shape[1])
         small_ijc = cv2.resize(picture_ijc, (COLUMN_WIDTH, height), interpolation=cv2.INTER_AREA)
         pictures.append(cv2.copyMakeBorder(small_ijc, 0, GAP, 0, GAP, cv2.BORDER_CONSTANT, value=(255, 255, 255)))
@@ -93,10 +90,15 @@ def chosen_scenes(dataset: SceneDataset, talkers: int, most: int) -> list[int]:
     return chosen
 
 
-def overlay_of(system: System, dataset: SceneDataset, index: int) -> npt.NDArray[np.uint8]:
-    """What the refined posterior says of a labelled scene, with its true azimuths, RGB."""
-    clip = dataset[index]
-    (posterior,) = Localizer(system, refinement=system.refinement()).posteriors([clip])
-    sources = select_sources(posterior, system.config.grid, SourceThresholds())
+def refining_localizer(system: System) -> Localizer:
+    """What :func:`overlay_of` wants: one for all scenes."""
+    return Localizer(system, refinement=system.refinement())
+
+
+def overlay_of(localizer: Localizer, dataset: SceneDataset, index: int) -> npt.NDArray[np.uint8]:
+    """What the posterior says of a labelled scene, with its true azimuths, RGB."""
+    clip, grid = dataset[index], localizer.config.grid
+    (posterior,) = localizer.posteriors([clip])
+    sources = select_sources(posterior, grid, SourceThresholds())
     truth = np.array(dataset.labels(index).talker_azimuths)
-    return draw_overlay(clip.image_ijc, posterior, sources, system.config.grid, truth=truth)
+    return draw_overlay(clip.image_ijc, posterior, sources, grid, truth=truth)

@@ -1,6 +1,5 @@
 """Localizes the sounding objects of clips, or of a whole recording, with a trained system."""
 
-import csv
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -8,24 +7,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
 from avssl_pyro.data.clip import Clip
+from avssl_pyro.data.csv_table import read_csv_table
 from avssl_pyro.data.files import read_clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.pretrained import SAME_PLACE_M, load_pretrained
 from avssl_pyro.inference.result import result_dict
-from avssl_pyro.inference.system import System
 from avssl_pyro.viz.overlay import save_overlay
 
 
@@ -48,13 +44,10 @@ class LocalizeOptions:
     because this recording has the microphones on other channels."""
     overlay: Path | None = None
     """Picture to write; a folder in case of a manifest."""
-    refine: int = RefinementConfig.rounds
-    """Rounds of closed-form ascent that fit the posterior to this clip; 0 is the networks' answer, faster and much less
-    accurate."""
-    level_threshold: float = SourceThresholds.level
-    """Least mixing level of a source."""
-    peak_threshold: float = SourceThresholds.peak
-    """Least weight of a source's strongest direction; more spread classes are taken for diffuse noise."""
+    rounds: int = RefinementConfig.rounds
+    """Most rounds of refinement, closed-form ascent that fits the posterior to a clip; 0 is the networks' answer,
+    faster and much less accurate."""
+    thresholds: SourceThresholds = field(default_factory=SourceThresholds)
     device: str = "cpu"
     """Torch device."""
     recording: Annotated[RecordingOptions, tyro.conf.arg(name="")] = field(default_factory=RecordingOptions)
@@ -79,74 +72,28 @@ def main(args: Sequence[str] | None = None) -> int | None:
     options = tyro.cli(LocalizeOptions, args=args)
     whole = options.recording.video is not None
     inputs = [] if whole else _inputs(options)
-    system, array = _system(options)
-    for name, value in (("level", options.level_threshold), ("peak", options.peak_threshold)):
-        if not 0 <= value <= 1:
-            raise InputError(f"--{name}-threshold is {value}; give a number from 0 to 1.")
+    system, array = choose_system(options.checkpoint, options.array)
     if options.overlay is not None and options.manifest is None and options.overlay.suffix.lower() != ".png":
         raise InputError(f"--overlay {options.overlay}: pictures are written as PNG; give a name that ends in .png.")
-    if options.refine < 0:
-        raise InputError(f"--refine is {options.refine}; give a number of rounds, or 0 for none.")
-    refinement = system.refinement(rounds=options.refine) if options.refine else None
+    if options.rounds < 0:
+        raise InputError(f"--rounds is {options.rounds}; give a number of rounds of refinement, or 0 for none.")
+    refinement = system.refinement(rounds=options.rounds) if options.rounds else None
     localizer = Localizer(system, options.device, refinement=refinement)
-    thresholds = SourceThresholds(options.level_threshold, options.peak_threshold)
+    thresholds = options.thresholds
     if whole:
         audio = _audio_of_recording(options)
-        refined = options.refine > 0
+        refined = options.rounds > 0
         return localize_recording(options.recording, audio, options.out, array, localizer, thresholds, refined)
     # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
     for entry in inputs:
-        _warn_of_dead_channels(read_clip(entry.image, entry.audio, array), array, entry.audio)
+        if not read_clip(entry.image, entry.audio, array).audio_mn.any():
+            print(f"warning: {entry.audio}: is silent throughout.", file=sys.stderr)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     lines = list(_results(inputs, options, array, localizer, thresholds))
     write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())
     if options.manifest is None:
         _print_sources(json.loads(lines[0]))
     return None
-
-
-def _system(options: LocalizeOptions) -> tuple[System, MicrophoneArray]:
-    """The system to localize with, and the array that recorded."""
-    array = None if options.array is None else resolve_array(options.array)
-    if options.checkpoint is not None:
-        system = load_checkpoint(options.checkpoint)
-        if array is None:
-            return system, system.config.array
-        check_array(system, array, str(options.checkpoint))
-        return system, array
-    if array is None:
-        raise InputError("give --array, the microphones that recorded: a preset or a YAML file; or give --checkpoint.")
-    pretrained = load_pretrained(array)
-    print(pretrained.sentence, file=sys.stderr)
-    return pretrained.system, array
-
-
-def check_array(system: System, array: MicrophoneArray, where: str) -> None:
-    """Refuses a checkpoint that was trained for another array.
-
-    Raises:
-        InputError: the numbers of microphones, their places, or the kinds of steering differ.
-    """
-    trained = system.config.array
-    if trained.num_microphones != array.num_microphones:
-        raise InputError(
-            f"{where}: trained for array '{trained.name}' with {trained.num_microphones} microphones, but "
-            f"'{array.name}' has {array.num_microphones}; give a checkpoint of this array."
-        )
-    if trained.steering != array.steering:
-        raise InputError(
-            f"{where}: trained for array '{trained.name}' {trained.steering.phrase}, but '{array.name}' hears "
-            f"{array.steering.phrase}; give a checkpoint of this array."
-        )
-    if len(trained.positions) != len(array.positions):
-        return  # Of measured responses, positions are a remark.
-    distances_m = np.linalg.norm(trained.positions - array.positions, axis=-1)
-    if distances_m.max(initial=0.0) > SAME_PLACE_M:
-        worst = int(distances_m.argmax())
-        raise InputError(
-            f"{where}: trained for array '{trained.name}', whose microphone {worst + 1} is "
-            f"{100 * distances_m[worst]:.1f} cm from that of '{array.name}'; give a checkpoint of this array."
-        )
 
 
 def _audio_of_recording(options: LocalizeOptions) -> Path:
@@ -177,31 +124,8 @@ def read_manifest(path: Path) -> list[_Input]:
     Raises:
         InputError: the file is missing, lacks a column, has an empty cell or no row.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such manifest.")
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file)
-            missing = {"audio", "image"} - set(reader.fieldnames or ())
-            if missing:
-                raise InputError(f"{path}: column '{min(missing)}' is missing; the first line must be: audio,image")
-            rows = list(reader)
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read as CSV ({error}).") from error
-    for number, row in enumerate(rows, start=2):
-        for column in ("audio", "image"):
-            if not row[column]:
-                raise InputError(f"{path}, line {number}: column '{column}' is empty; give a file name.")
-    if not rows:
-        raise InputError(f"{path}: holds no clip; give one line with audio,image per clip.")
-    return [_Input(path.parent / row["image"], path.parent / row["audio"]) for row in rows]
-
-
-def _warn_of_dead_channels(clip: Clip, array: MicrophoneArray, path: Path) -> None:
-    channels = zip(array.channel_indices, clip.audio_mn, strict=True)
-    dead = [str(channel + 1) for channel, audio_n in channels if not audio_n.any()]
-    if dead:
-        print(f"warning: {path}: channel {', '.join(dead)} is silent throughout.", file=sys.stderr)
+    lines = read_csv_table(path, ("audio", "image")).lines
+    return [_Input(path.parent / line.file_name("image"), path.parent / line.file_name("audio")) for line in lines]
 
 
 def _results(

@@ -3,7 +3,7 @@
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -13,9 +13,11 @@ from tqdm import tqdm
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.command import EXIT_INTERRUPTED
+from avssl_pyro.cli.placement import PlacementOptions
 from avssl_pyro.data.dcase import write_dcase
+from avssl_pyro.data.excerpts import read_excerpts
 from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.recording_list import Placement, RecordingFiles
+from avssl_pyro.data.recording_list import RecordingFiles
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.interruption import StopRequest
 from avssl_pyro.inference.localization import SourceThresholds
@@ -43,22 +45,10 @@ class RecordingOptions:
     annotated: Path | None = None
     """With --video: the video with its sources drawn in, to be written: .mp4 (H.264) or .webm (VP9)."""
     rate: float | None = None
-    """With --video: results per second, each of one second of sound; by default 2, or 10 with --refine 0."""
+    """With --video: results per second, each of one second of sound; by default 2, or 10 with --rounds 0."""
     tracking: bool = True
     """With --video: link the results over time, so that a source keeps its number and a short miss is bridged."""
-    offset: float = 0.0
-    """With --video: seconds that the audio began before the video; negative if it began later."""
-    yaw: float = 0.0
-    """With --video: azimuth, in degrees counter-clockwise from the array's x axis, of the picture's centre column."""
-    mirror: bool = False
-    """With --video: the picture shows left and right exchanged."""
-    elevations: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOWEST HIGHEST")] = None
-    """With --video: elevations in degrees of the picture's bottom and top, if it is no full sphere."""
-
-    def placement(self, array: MicrophoneArray) -> Placement:
-        """How picture and channels lie to the array."""
-        channels = array.channels and array.channel_indices
-        return Placement(self.offset, self.yaw, self.mirror, self.elevations, channels)
+    placement: Annotated[PlacementOptions, tyro.conf.arg(name="")] = field(default_factory=PlacementOptions)
 
     def check_unused(self) -> None:
         """Refuses options of recordings where there is none.
@@ -75,12 +65,12 @@ def open_recording(options: RecordingOptions, audio: Path, array: MicrophoneArra
     """The recording that the options name.
 
     Raises:
-        InputError: a file cannot be read, audio and video have no second in common, or the number of channels is not
-            that of the system's array.
+        InputError: a file cannot be read, audio and video have no second in common, the number of channels is not
+            that of the system's array, one of them is dead, or the picture is none of 360 degrees.
     """
     if options.video is None:
         raise InputError("a recording has no video; give --video with --audio.")
-    recording = RecordingFiles(options.video, audio, options.placement(array)).open()
+    recording = RecordingFiles(options.video, audio, options.placement.of(array)).open()
     if recording.num_channels != array.num_microphones:
         raise InputError(
             f"{audio}: {recording.num_channels} channel(s), but array '{array.name}' has {array.num_microphones} "
@@ -90,6 +80,8 @@ def open_recording(options: RecordingOptions, audio: Path, array: MicrophoneArra
         raise InputError(
             f"{audio}: sound and picture have {recording.duration_s:.2f} s in common; a result needs {WINDOW_S:g} s."
         )
+    recording.check_picture()
+    read_excerpts(audio).select(array.channel_indices).check_live(audio)
     return recording
 
 
@@ -169,6 +161,13 @@ def localize_recording(
                 file=sys.stderr,
             )
             return EXIT_INTERRUPTED
+        unseen = len(recording.window_starts(1 / rate, WINDOW_S)) - len(windows)
+        if unseen:
+            print(
+                f"warning: {options.video}: {unseen} windows have no picture, where the video has a gap or ends; they "
+                "have no result.",
+                file=sys.stderr,
+            )
         print(_summary(timeline, recording.duration_s, options.tracking))
         if options.annotated is not None and not _draw(
             options.annotated, recording, timeline, localizer, refined, stop

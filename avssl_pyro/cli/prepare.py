@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -10,12 +10,12 @@ import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.cli.placement import PlacementOptions
 from avssl_pyro.data.dcase import DcaseRow
 from avssl_pyro.data.generation import SCENES_PER_SHARD
 from avssl_pyro.data.preparation import CuttingConfig, Prepared, prepare
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.data.recording_list import (
-    Placement,
     RecordingFiles,
     read_recording_list,
     recordings_in_folder,
@@ -52,14 +52,7 @@ class PrepareOptions:
     """Which of STARSS23's audio: the microphones or first-order ambisonics."""
     split: Literal["dev-train", "dev-test"] = "dev-train"
     """Which part of STARSS23."""
-    offset: float = 0.0
-    """Seconds that the audio began before the video; negative if it began later."""
-    yaw: float = 0.0
-    """Azimuth, in degrees counter-clockwise from the array's x axis, of what the picture's centre column shows."""
-    mirror: bool = False
-    """The picture shows left and right exchanged."""
-    elevations: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOWEST HIGHEST")] = None
-    """Elevations in degrees of the picture's bottom and top, if it is no full sphere."""
+    placement: Annotated[PlacementOptions, tyro.conf.arg(name="")] = field(default_factory=PlacementOptions)
     clip_seconds: float = 1.0
     """Length of a clip."""
     hop: float | None = None
@@ -133,9 +126,7 @@ def _splitter(options: PrepareOptions) -> Splitter:
 
 
 def _recordings(options: PrepareOptions, array: MicrophoneArray) -> list[Recording]:
-    placement = Placement(
-        options.offset, options.yaw, options.mirror, options.elevations, array.channels and array.channel_indices
-    )
+    placement = options.placement.of(array)
     sources = (options.folder, options.manifest, options.video or options.audio)
     if sum(source is not None for source in sources) != 1:
         raise InputError("give one of --video with --audio, --folder, --manifest or --starss.")

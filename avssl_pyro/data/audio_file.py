@@ -139,5 +139,22 @@ def check_samples(
         )
 
 
+def check_live(audio_mn: npt.NDArray[np.float32], path: Path, channels: Sequence[int]) -> None:
+    """Raises InputError if some channels never change while others do: their microphones or cables are dead.
+
+    Args:
+        audio_mn: samples, (M, N), from all over a recording.
+        path: its file.
+        channels: of the file, counted from 0, that the rows are.
+    """
+    dead_m = audio_mn.min(axis=1) == audio_mn.max(axis=1)
+    if dead_m.any() and not dead_m.all():
+        names = ", ".join(str(channel + 1) for channel, dead in zip(channels, dead_m, strict=True) if dead)
+        raise InputError(
+            f"{path}: channel {names} is dead, constant throughout; record again, or leave its microphone out of the "
+            "array file."
+        )
+
+
 def _unreadable(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: cannot be read as audio ({error}); give WAV or FLAC.")

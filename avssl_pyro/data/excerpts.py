@@ -9,7 +9,7 @@ import numpy.typing as npt
 import soundfile
 from scipy.signal import resample_poly
 
-from avssl_pyro.data.audio_file import check_samples
+from avssl_pyro.data.audio_file import check_live, check_samples
 from avssl_pyro.data.clip import SAMPLE_RATE, Clip
 from avssl_pyro.data.files import MIN_SECONDS
 from avssl_pyro.errors import InputError
@@ -37,6 +37,10 @@ class Excerpts:
     @property
     def num_channels(self) -> int:
         return self.raw_bmn.shape[1]
+
+    def check_live(self, path: Path) -> None:
+        """Refuses a recording, read from ``path``, of which some channels are dead; raises :class:`InputError`."""
+        check_live(np.concatenate(list(self.raw_bmn), axis=-1), path, self.names)
 
     def select(self, channels: Sequence[int]) -> "Excerpts":
         """The given channels (counted from 0), in the given order."""

@@ -9,8 +9,9 @@ import soundfile
 from scipy.signal import resample_poly
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.audio_file import check_samples
+from avssl_pyro.data.audio_file import check_live, check_samples
 from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS, SAMPLE_RATE, Clip
+from avssl_pyro.data.fisheye import check_equirectangular
 from avssl_pyro.errors import InputError
 
 MAX_SECONDS = 10.0
@@ -22,7 +23,7 @@ def read_audio(path: Path, array: MicrophoneArray) -> npt.NDArray[np.float32]:
 
     Raises:
         InputError: the file cannot be read, has the wrong number of channels, is too short or too long, or holds
-            samples that are not finite.
+            samples that are not finite, or is silent in some channels alone.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such audio file.")
@@ -44,6 +45,7 @@ def read_audio(path: Path, array: MicrophoneArray) -> npt.NDArray[np.float32]:
             f"{1e3 * MIN_SECONDS:.0f} ms."
         )
     check_samples(audio_nm, path, channels=array.channel_indices)
+    check_live(audio_nm.T, path, array.channel_indices)
     if rate != SAMPLE_RATE:
         divisor = int(np.gcd(rate, SAMPLE_RATE))
         audio_nm = resample_poly(audio_nm, SAMPLE_RATE // divisor, rate // divisor, axis=0)
@@ -74,7 +76,7 @@ def read_image(path: Path) -> npt.NDArray[np.uint8]:
     """Reads a full-sphere (2:1) or an 88 x 288 equirectangular image as uint8 RGB (88, 288, 3).
 
     Raises:
-        InputError: the file cannot be read or has other proportions.
+        InputError: the file cannot be read, has other proportions, or is of a fisheye lens.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such image file.")
@@ -82,7 +84,16 @@ def read_image(path: Path) -> npt.NDArray[np.uint8]:
     image_ijc = cv2.imdecode(content, cv2.IMREAD_COLOR_RGB) if content.size else None
     if image_ijc is None:
         raise InputError(f"{path}: cannot be read as an image; give JPEG or PNG.")
-    return fit_image(image_ijc.astype(np.uint8), str(path))
+    fitted_ijc = fit_image(image_ijc.astype(np.uint8), str(path))
+    if is_full_sphere(image_ijc):
+        check_equirectangular(image_ijc.astype(np.uint8), str(path))
+    return fitted_ijc
+
+
+def is_full_sphere(image_ijc: npt.NDArray[np.generic]) -> bool:
+    """Whether a picture is twice as wide as high."""
+    rows, columns = image_ijc.shape[:2]
+    return abs(columns - 2 * rows) <= 2
 
 
 def fit_image(image_ijc: npt.NDArray[np.uint8], where: str) -> npt.NDArray[np.uint8]:
@@ -92,7 +103,7 @@ def fit_image(image_ijc: npt.NDArray[np.uint8], where: str) -> npt.NDArray[np.ui
         InputError: the image is neither a full sphere (twice as wide as high) nor has the proportions of 88 x 288.
     """
     rows, columns = image_ijc.shape[:2]
-    if abs(columns - 2 * rows) <= 2:
+    if is_full_sphere(image_ijc):
         margin = round(rows * (90.0 - IMAGE_MAX_ELEVATION_DEG) / 180.0)
         image_ijc = image_ijc[margin : rows - margin]
     elif abs(columns * IMAGE_ROWS - rows * IMAGE_COLUMNS) > 2 * IMAGE_COLUMNS:

@@ -1,14 +1,13 @@
 """A folder of recordings without pictures, and a list that says from where talkers were heard in each."""
 
-import csv
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from avssl_pyro.data.csv_table import CsvLine, read_csv_table
 from avssl_pyro.errors import InputError
 
 LABELS_NAME = "labels.csv"
-_REQUIRED = ("file", "azimuth_deg")
 
 
 @dataclass(frozen=True)
@@ -36,32 +35,17 @@ def read_labeled_recordings(folder: Path) -> tuple[LabeledRecording, ...]:
     path = folder / LABELS_NAME
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of recordings.")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; write one with the first line file,azimuth_deg and a line for each.")
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file)
-            columns = tuple(reader.fieldnames or ())
-            rows = [(f"{path}, line {reader.line_num}", row) for row in reader]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read as CSV ({error}).") from error
-    for column in _REQUIRED:
-        if column not in columns:
-            raise InputError(f"{path}: column '{column}' is missing; the first line must name file and azimuth_deg.")
-    if not rows:
-        raise InputError(f"{path}: lists no recording; give each a line such as two.wav,30 -90")
-    return _without_repeats(tuple(_labeled(folder, row, where) for where, row in rows), path)
+    table = read_csv_table(path, ("file", "azimuth_deg"))
+    return _without_repeats(tuple(_labeled(folder, line) for line in table.lines), path)
 
 
-def _labeled(folder: Path, row: dict[str, str | None], where: str) -> LabeledRecording:
-    name, azimuths_deg = row["file"], row["azimuth_deg"]
-    if not name:
-        raise InputError(f"{where}: column 'file' is empty; give the name of a WAV or FLAC file.")
+def _labeled(folder: Path, line: CsvLine) -> LabeledRecording:
+    path, azimuths_deg = folder / line.file_name("file"), line.cells["azimuth_deg"]
     if azimuths_deg is None:
-        raise InputError(f"{where}: it has no field for azimuth_deg; leave the field empty if nobody talks.")
-    if not (folder / name).is_file():
-        raise InputError(f"{where}: there is no file {folder / name}; names are relative to the folder of the list.")
-    return LabeledRecording(folder / name, tuple(_azimuth(word, where) for word in azimuths_deg.split()))
+        raise InputError(f"{line.where}: it has no field for azimuth_deg; leave the field empty if nobody talks.")
+    if not path.is_file():
+        raise InputError(f"{line.where}: there is no file {path}; names are relative to the folder of the list.")
+    return LabeledRecording(path, tuple(_azimuth(word, line.where) for word in azimuths_deg.split()))
 
 
 def _azimuth(word: str, where: str) -> float:

@@ -13,8 +13,8 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.data.clip import Clip, SceneLabels
 from avssl_pyro.data.dcase import DcaseRow, labels_between
+from avssl_pyro.data.excerpts import read_excerpts
 from avssl_pyro.data.files import check_channels
-from avssl_pyro.data.fisheye import is_double_fisheye
 from avssl_pyro.data.generation import SCENES_PER_SHARD, GenerationPlan, generate
 from avssl_pyro.data.manifest import Manifest, first_difference, read_json, to_json
 from avssl_pyro.data.recording import Recording
@@ -95,10 +95,11 @@ class Prepared:
 def read_as(recording: Recording, array: MicrophoneArray) -> Recording:
     """The recording with the channels of ``array``: those it names itself, or else those of the array's channel map.
 
-    Its first picture is looked at, too, before anything takes long.
+    Its first picture is looked at and some of its sound listened to, before anything takes long.
 
     Raises:
-        InputError: the channels are not those of the array's microphones, or the picture is none of 360 degrees.
+        InputError: the channels are not those of the array's microphones, one of them is dead, or the picture is none
+            of 360 degrees.
     """
     where = str(recording.audio.path)
     if recording.channels is None:
@@ -109,22 +110,10 @@ def read_as(recording: Recording, array: MicrophoneArray) -> Recording:
             f"{where}: {recording.num_channels} channel(s) are to be read, but array '{array.name}' has "
             f"{array.num_microphones} microphones; name one channel for each."
         )
-    _check_picture(recording)
+    recording.check_picture()
+    excerpts = read_excerpts(recording.audio.path)
+    excerpts.select(recording.channels or range(excerpts.num_channels)).check_live(recording.audio.path)
     return recording
-
-
-def _check_picture(recording: Recording) -> None:
-    if recording.video is None:
-        return
-    for _, frame_ijc in recording.video:
-        recording.fit(frame_ijc)
-        if recording.elevation_range_deg is None and is_double_fisheye(frame_ijc):
-            raise InputError(
-                f"{recording.video.path}: two fisheye pictures side by side; export the video as equirectangular with "
-                "the camera's own program."
-            )
-        return
-    raise InputError(f"{recording.video.path}: no frame of it can be decoded; export the video again.")
 
 
 def prepare(

@@ -10,7 +10,8 @@ import numpy.typing as npt
 
 from avssl_pyro.data.audio_file import AudioFile
 from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS, SAMPLE_RATE, Clip
-from avssl_pyro.data.files import fit_image
+from avssl_pyro.data.files import fit_image, is_full_sphere
+from avssl_pyro.data.fisheye import check_equirectangular
 from avssl_pyro.data.video_file import VideoFile
 from avssl_pyro.errors import InputError
 
@@ -131,6 +132,21 @@ class Recording:
             return fit_image(turned_ijc, where)
         except InputError as error:
             raise InputError(f"{str(error)[:-1]}; otherwise say which elevations it shows.") from error
+
+    def check_picture(self) -> None:
+        """Looks at the first frame, before anything takes long.
+
+        Raises:
+            InputError: the video has none that can be decoded, or it is none of 360 degrees, see :meth:`fit`.
+        """
+        if self.video is None:
+            return
+        for _, frame_ijc in self.video:
+            self.fit(frame_ijc)
+            if self.elevation_range_deg is None and is_full_sphere(frame_ijc):
+                check_equirectangular(frame_ijc, str(self.video.path))
+            return
+        raise InputError(f"{self.video.path}: no frame of it can be decoded; export the video again.")
 
     def clip_at(self, start_s: float, duration_s: float = 1.0) -> Clip:
         """The clip that begins at ``start_s``, with the picture in the middle of it.

@@ -1,12 +1,12 @@
 """Finding the recordings in a folder or a list: which audio belongs to which video, and how they lie to each other."""
 
-import csv
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avssl_pyro.data.audio_file import AudioFile
+from avssl_pyro.data.csv_table import CsvLine, read_csv_table
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.data.video_file import VideoFile
 from avssl_pyro.errors import InputError
@@ -88,31 +88,21 @@ def read_recording_list(path: Path, placement: Placement) -> tuple[RecordingFile
     Raises:
         InputError: the file is missing or damaged, or a line lacks something; the line is named.
     """
-    if not path.is_file():
-        raise InputError(f"{path}: no such list of recordings.")
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file)
-            columns = tuple(reader.fieldnames or ())
-            rows = [(reader.line_num, row) for row in reader]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read as CSV ({error}).") from error
-    unknown = [column for column in columns if column not in _COLUMNS]
-    if unknown or not {"video", "audio"} <= set(columns):
-        problem = f"column '{unknown[0]}' is unknown" if unknown else "column 'video' or 'audio' is missing"
-        raise InputError(f"{path}: {problem}; the first line must be: video,audio or video,audio,offset_s,yaw_deg")
-    if not rows:
-        raise InputError(f"{path}: holds no recording; give one line with video,audio for each.")
-    return tuple(_listed(path, row, placement, where=f"{path}, line {number}") for number, row in rows)
+    table = read_csv_table(path, ("video", "audio"))
+    unknown = [column for column in table.columns if column not in _COLUMNS]
+    if unknown:
+        raise InputError(
+            f"{path}: column '{unknown[0]}' is unknown; the first line must be: video,audio or "
+            "video,audio,offset_s,yaw_deg"
+        )
+    return tuple(_listed(path.parent, line, placement) for line in table.lines)
 
 
-def _listed(path: Path, row: dict[str, str | None], placement: Placement, where: str) -> RecordingFiles:
-    for column in ("video", "audio"):
-        if not row[column]:
-            raise InputError(f"{where}: column '{column}' is empty; give a file name.")
-    changes = {column: _number(text, column, where) for column in ("offset_s", "yaw_deg") if (text := row.get(column))}
+def _listed(folder: Path, line: CsvLine, placement: Placement) -> RecordingFiles:
+    given = {column: text for column in ("offset_s", "yaw_deg") if (text := line.cells.get(column))}
+    changes = {column: _number(text, column, line.where) for column, text in given.items()}
     placed = replace(placement, **changes)  # type: ignore[arg-type]
-    return RecordingFiles(path.parent / str(row["video"]), path.parent / str(row["audio"]), placed)
+    return RecordingFiles(folder / line.file_name("video"), folder / line.file_name("audio"), placed)
 
 
 def _number(text: str, column: str, where: str) -> float:

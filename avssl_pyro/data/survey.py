@@ -57,7 +57,7 @@ def survey(recordings: Sequence[Recording], hop_s: float, duration_s: float, pro
         floor_db = 20 * math.log10(SILENT_RMS)
         raise InputError(
             f"no clip of {duration_s:g} s has both sound above {floor_db:.0f} dB of full scale and a picture; "
-            f"check channels and offset ({' '.join(remarks) or 'recordings too short'})."
+            f"check channels and offset ({' '.join(remarks).removesuffix('.') or 'recordings too short'})."
         )
     return Survey(tuple(places), tuple(remarks))
 

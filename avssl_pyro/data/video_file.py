@@ -86,7 +86,11 @@ class VideoFile:
         return self._frame
 
     def time_stamps(self) -> npt.NDArray[np.float64]:
-        """Times of all frames, seconds, ascending; the container is walked through, nothing is decoded."""
+        """Times of all frames, seconds, ascending, up to the last that can be decoded.
+
+        The container is walked through, and of its frames only the last are decoded: a file that was cut off names
+        some that are not whole.
+        """
         capture = _open(self.path)
         capture.set(cv2.CAP_PROP_FORMAT, -1)
         times_s, time_s = [], _NEVER
@@ -96,7 +100,11 @@ class VideoFile:
             time_s = stamp_s if stamp_s > 0.0 or time_s == _NEVER else time_s + 1.0 / self.mean_frame_rate
             times_s.append(time_s)
         capture.release()
-        return np.sort(np.array(times_s, dtype=np.float64))
+        stamps_s = np.sort(np.array(times_s, dtype=np.float64))
+        half_s = 0.5 / self.mean_frame_rate
+        while len(stamps_s) and self.find_frame(stamps_s[-1]) is None:
+            stamps_s = stamps_s[stamps_s < stamps_s[-1] - MAX_FRAME_AGE_S]
+        return stamps_s[stamps_s < self._time_s + half_s]
 
     def __iter__(self) -> Iterator[tuple[float, npt.NDArray[np.uint8]]]:
         """All frames with their times, seconds; independent of :meth:`frame_at`."""

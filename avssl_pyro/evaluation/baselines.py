@@ -50,7 +50,7 @@ class DoaBaseline:
         num_sources: dimension of the signal subspace; SRP-PHAT does not use it.
         freq_range_hz: frequencies used.
         stft_config: the spectrogram, by default that of the model.
-        num_jobs: processes that share the clips.
+        workers: processes that share the clips; None is one per core.
         settings: candidate peak settings.
     """
 
@@ -61,7 +61,7 @@ class DoaBaseline:
     num_sources: int = 1
     freq_range_hz: tuple[float, float] = DEFAULT_BAND_HZ
     stft_config: StftConfig = field(default_factory=StftConfig)
-    num_jobs: int = 1
+    workers: int | None = 1
     settings: Sequence[PeakSetting] = field(default=PEAK_SETTINGS, repr=False)
 
     def __post_init__(self) -> None:
@@ -130,7 +130,7 @@ class DoaBaseline:
     def observe_all(self, clips: Iterable[Clip]) -> list[Spectrum]:
         # Computed here, to be sent to every process instead of being computed in each.
         _ = self._steering_fmd
-        spectra: list[Spectrum] = Parallel(n_jobs=self.num_jobs)(delayed(self.observe)(clip) for clip in clips)
+        spectra: list[Spectrum] = Parallel(n_jobs=self.workers or -1)(delayed(self.observe)(clip) for clip in clips)
         return spectra
 
     def decide(self, observation: Spectrum, setting: PeakSetting) -> Azimuths:
@@ -140,7 +140,7 @@ class DoaBaseline:
 def default_baselines(
     array: MicrophoneArray,
     grid: DirectionGrid,
-    num_jobs: int = 1,
+    workers: int | None = 1,
     freq_range_hz: tuple[float, float] = DEFAULT_BAND_HZ,
 ) -> tuple[DoaBaseline, ...]:
     """SRP-PHAT (DiBiase 2000), MUSIC (Schmidt 1986) and MUSIC normalized per frequency (Salvati et al. 2014).
@@ -149,9 +149,9 @@ def default_baselines(
     """
     rank = subspace_sources(array)
     music = (
-        DoaBaseline("music", MUSIC, array, grid, rank, freq_range_hz, num_jobs=num_jobs),
-        DoaBaseline("norm-music", NormMUSIC, array, grid, rank, freq_range_hz, num_jobs=num_jobs),
+        DoaBaseline("music", MUSIC, array, grid, rank, freq_range_hz, workers=workers),
+        DoaBaseline("norm-music", NormMUSIC, array, grid, rank, freq_range_hz, workers=workers),
     )
     if not array.steering.has_delays:
         return music
-    return (DoaBaseline("srp-phat", SRP, array, grid, freq_range_hz=freq_range_hz, num_jobs=num_jobs), *music)
+    return (DoaBaseline("srp-phat", SRP, array, grid, freq_range_hz=freq_range_hz, workers=workers), *music)

@@ -29,7 +29,7 @@ class LineUp:
         without_audio: whose row is ``no-audio-net``, with every mixing level at 1/K.
         refinement: of the rows ``refined`` and ``audio-only refined``; the latter starts without the picture.
         baseline_band_hz: frequencies that the baselines search.
-        jobs: processes of the baselines.
+        workers: processes of the baselines; None is one per core.
         device: of the networks.
     """
 
@@ -37,7 +37,7 @@ class LineUp:
     without_audio: System
     refinement: RefinementConfig
     baseline_band_hz: tuple[float, float] = DEFAULT_BAND_HZ
-    jobs: int = 1
+    workers: int | None = 1
     device: str = "cpu"
 
     @property
@@ -62,7 +62,7 @@ class LineUp:
         }
         localizers["refined"] = Localizer(self.system, self.device, refinement=self.refinement)
         return [
-            *default_baselines(config.array, grid, self.jobs, self.baseline_band_hz),
+            *default_baselines(config.array, grid, self.workers, self.baseline_band_hz),
             *(PosteriorMethod(name, localizer.posteriors, grid) for name, localizer in localizers.items()),
         ]
 

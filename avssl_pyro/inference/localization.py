@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
+from avssl_pyro.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,13 @@ class SourceThresholds:
     level: float = 0.05
     peak: float = 0.15
     merge_deg: float = 12.0
+
+    def __post_init__(self) -> None:
+        for name in ("level", "peak"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise InputError(f"SourceThresholds: {name} is {getattr(self, name)}; it must be from 0 to 1.")
+        if not 0 <= self.merge_deg <= 180:
+            raise InputError(f"SourceThresholds: merge_deg is {self.merge_deg}; it must be from 0 to 180.")
 
 
 @dataclass(frozen=True)

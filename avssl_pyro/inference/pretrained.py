@@ -8,12 +8,12 @@ import numpy as np
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.system import System, build_system
+from avssl_pyro.inference.trained_array import SAME_PLACE_M
 
 # By the array they were trained with.
 SHIPPED = ("circle2", "circle4", "circle6")
 # Whose weights serve an array that is none of these: its visual network was trained with the most microphones.
 MOST_GENERAL = "circle6"
-SAME_PLACE_M = 1e-3
 
 
 @dataclass(frozen=True)

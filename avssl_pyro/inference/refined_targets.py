@@ -23,7 +23,6 @@ from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 # Close to the common overrelaxation of 2, and safe for a fixed number of rounds.
 STRETCH = 1.8
-LEAST_SHARE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -127,9 +126,9 @@ class TaughtLoss(nn.Module):
         with torch.autocast(x_bfmt.device.type, enabled=False):
             target = self._refine(x_bfmt[..., :: self._config.frame_step], mu_bkd.detach())
             target_share_bkd = target.log_w_bkd.softmax(-1) @ self._kernel(mu_bkd)
-            target_bo = self._outcomes(target_share_bkd, target.pi_bk)
-            outcome_bo = self._outcomes(mu_bkd.softmax(-1), pi_bk)
-            return _cross_entropy(target_bo, outcome_bo), _cross_entropy(target.pi_bk, pi_bk)
+            target_bo = log_outcomes(target_share_bkd.log(), target.pi_bk.log(), self._num_directed).exp()
+            log_outcome_bo = log_outcomes(mu_bkd.log_softmax(-1), pi_bk.log(), self._num_directed)
+        return -(target_bo * log_outcome_bo).sum(-1).mean(), -(target.pi_bk * pi_bk.log()).sum(-1).mean()
 
     @torch.no_grad()
     def _refine(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixturePoint:
@@ -143,12 +142,6 @@ class TaughtLoss(nn.Module):
             point = ascent.step(point.log_w_bkd, point.pi_bk, STRETCH)
         return point
 
-    def _outcomes(self, share_bkd: Tensor, pi_bk: Tensor) -> Tensor:
-        """How the sound is distributed, (B, D + 1): over the directions, sum_k pi_k w_kd, and from nowhere."""
-        n = self._num_directed
-        directed_bd = (pi_bk[:, None, :n] @ share_bkd[:, :n]).squeeze(1)
-        return torch.cat([directed_bd, pi_bk[:, n:].sum(-1, keepdim=True)], dim=-1)
-
     def _kernel(self, like_bkd: Tensor) -> Tensor:
         """A von Mises kernel over directions, (D, D), each row summing to 1."""
         d = like_bkd.shape[-1]
@@ -157,6 +150,18 @@ class TaughtLoss(nn.Module):
         return (concentration * (angle_d[:, None] - angle_d).cos()).softmax(-1)
 
 
-def _cross_entropy(target_bo: Tensor, outcome_bo: Tensor) -> Tensor:
-    # Added, not clamped: what is next to nothing keeps its gradient.
-    return -(target_bo * (outcome_bo + LEAST_SHARE).log()).sum(-1).mean()
+def log_outcomes(log_share_bkd: Tensor, log_pi_bk: Tensor, num_directed: int) -> Tensor:
+    """How the sound is distributed, (B, O), as logarithms: over the directions, sum_k pi_k w_kd, and from nowhere.
+
+    Logarithms, because a share that the softmax has rounded to nothing keeps its gradient in them.
+
+    Args:
+        log_share_bkd: log w, normalised over the directions.
+        log_pi_bk: logarithms of the mixing levels.
+        num_directed: how many classes, the first ones, hear directions; O is D if these are all, otherwise D + 1.
+    """
+    n = num_directed
+    directed_bd = (log_pi_bk[:, :n, None] + log_share_bkd[:, :n]).logsumexp(1)
+    if n == log_pi_bk.shape[1]:
+        return directed_bd
+    return torch.cat([directed_bd, log_pi_bk[:, n:].logsumexp(-1, keepdim=True)], dim=-1)

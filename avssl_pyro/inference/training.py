@@ -27,6 +27,7 @@ from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood,
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.inference.checkpoint import save_checkpoint
+from avssl_pyro.inference.divergence import diverged_gradient, diverged_loss
 from avssl_pyro.inference.interruption import StopRequest
 from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss
 from avssl_pyro.inference.reporting import Reporter
@@ -77,10 +78,6 @@ class OptimizationConfig:
         for name in ("learning_rate", "gradient_clip"):
             if not 0 < getattr(self, name) < math.inf:
                 raise InputError(f"OptimizationConfig: {name} is {getattr(self, name)}; it must be positive.")
-
-
-class TrainingDivergedError(RuntimeError):
-    """A term of the ELBO or a gradient was not finite; tells the step, the term and the clips."""
 
 
 def train(
@@ -147,13 +144,13 @@ def train(
             loss, cross_entropies = module(x_bfmt, batch.image_float(), targets.strength_at(step, total_steps))
             assert estimator.terms is not None
             if _anyone(not torch.isfinite(loss), fabric):
-                raise TrainingDivergedError(_describe_divergence(loss, estimator.terms, batch, step))
+                raise diverged_loss(loss, estimator.terms, batch, step)
             fabric.backward(loss)
             norm = fabric.clip_gradients(
                 module, fabric_optimizer, max_norm=config.gradient_clip, error_if_nonfinite=False
             )
             if norm is not None and not torch.isfinite(norm):
-                raise TrainingDivergedError(_describe_gradient(loss_module, batch, step))
+                raise diverged_gradient(loss_module, batch, step)
             fabric_optimizer.step()
             fabric_optimizer.zero_grad()
             step += 1
@@ -258,32 +255,6 @@ def _schedule(step: int, total_steps: int, config: OptimizationConfig) -> float:
     progress = step / max(1, total_steps - 1)
     cosine = 0.5 * (1 + math.cos(math.pi * progress))
     return warmup * (config.final_learning_rate + (1 - config.final_learning_rate) * cosine)
-
-
-def _describe_divergence(loss: torch.Tensor, terms: ElboTerms, batch: ClipBatch, step: int) -> str:
-    if torch.isfinite(loss):
-        return f"step {step}: the loss of another process is not finite; its own message tells the clip."
-    for name, value_b in terms.named().items():
-        bad = [key for key, fine in zip(batch.keys, torch.isfinite(value_b).tolist(), strict=True) if not fine]
-        if bad:
-            more = f" and {len(bad) - 1} more" if len(bad) > 1 else ""
-            return (
-                f"step {step}: the ELBO term {name} is not finite for clip {bad[0]}{more}; "
-                "try a smaller --optimization.learning-rate."
-            )
-    return f"step {step}: the loss is not finite though each of its terms is."
-
-
-def _describe_gradient(module: torch.nn.Module, batch: ClipBatch, step: int) -> str:
-    bad = [
-        name
-        for name, parameter in module.named_parameters()
-        if parameter.grad is not None and not torch.isfinite(parameter.grad).all()
-    ]
-    where = f"of {bad[0]}" if bad else "as a whole"
-    return (
-        f"step {step}: the gradient {where} is not finite in the batch with clips {batch.keys[0]} to {batch.keys[-1]}."
-    )
 
 
 @torch.no_grad()

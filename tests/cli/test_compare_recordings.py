@@ -81,6 +81,20 @@ def test_the_example_of_the_page_is_understood(
 
 
 @pytest.mark.parametrize(
+    ("level_m", "says"),
+    [
+        ([0.0, 0.0, 0.0, 0.0], "mute.wav: is silent throughout, but its labels name somebody who talks"),
+        ([0.1, 0.0, 0.1, 0.0], "mute.wav: channel 2, 4 is dead, constant throughout"),
+    ],
+)
+def test_a_recording_in_which_nothing_can_be_heard_is_named(level_m, says, tmp_path, refusal):
+    noise_nm = np.random.default_rng(0).standard_normal((SAMPLE_RATE // 2, 4))
+    soundfile.write(tmp_path / "mute.wav", level_m * noise_nm, SAMPLE_RATE)
+    (tmp_path / "labels.csv").write_text("file,azimuth_deg\nmute.wav,30\n")
+    assert says in refusal(lambda: main(["--folder", str(tmp_path), "--array", "circle4"]))
+
+
+@pytest.mark.parametrize(
     ("options", "says"),
     [
         (["--classes", "0"], "--classes 0 --rounds 90: give at least one class and one round."),

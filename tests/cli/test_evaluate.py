@@ -1,13 +1,15 @@
-"""evaluate.py, compare_elbo.py, benchmark.py and demo.py, each run small from end to end."""
+"""evaluate.py, compare_elbo.py, gallery.py, benchmark.py and demo.py, each run small from end to end."""
 
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.cli import benchmark, compare_elbo, demo, evaluate
+from avssl_pyro.cli import benchmark, compare_elbo, demo, evaluate, gallery
+from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.system import GuideConfig, ModelConfig, SystemConfig, build_system
 
@@ -37,7 +39,7 @@ def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_report_has_every_method_and_field(checkpoint: Path, scene_folder: Path, tmp_path: Path) -> None:
     folder = str(scene_folder)
-    sets = ["--validation", folder, "--test", folder, "--jobs", "1"]
+    sets = ["--validation-data", folder, "--test-data", folder, "--workers", "1"]
     evaluate.main(["--checkpoint", str(checkpoint), "--out", str(tmp_path), *sets])
     rows = json.loads((tmp_path / "report.json").read_text())
     assert all(set(row) >= FIELDS for row in rows)
@@ -65,6 +67,12 @@ def test_the_comparison_agrees_and_a_wrong_prior_would_not(
     monkeypatch.setattr(compare_elbo, "double_precision", with_another_alpha)
     assert compare_elbo.main(["--checkpoint", str(checkpoint), *short]) == 1
     assert "DISAGREE" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("main", [compare_elbo.main, lambda words: gallery.main(["--data", "none", *words])])
+def test_a_checkpoint_of_another_array_is_refused(main: Callable[[Sequence[str]], object], checkpoint: Path) -> None:
+    with pytest.raises(InputError, match=r"small\.safetensors: trained for array 'circle4' with 4 microphones, but"):
+        main(["--checkpoint", str(checkpoint), "--array", "circle6"])
 
 
 def test_the_demo_leaves_what_it_promises(tmp_path: Path) -> None:

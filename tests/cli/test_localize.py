@@ -8,28 +8,14 @@ import cv2
 import numpy as np
 import pytest
 import soundfile
-import torch
 from scipy.signal import resample_poly
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.cli.command import run
 from avssl_pyro.cli.localize import main
 from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.inference.checkpoint import save_checkpoint
-from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
 
 ARRAY = PRESETS["circle4"]
-
-
-@pytest.fixture(scope="module")
-def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    torch.manual_seed(0)
-    path = tmp_path_factory.mktemp("checkpoint") / "small.safetensors"
-    save_checkpoint(
-        path, build_system(SystemConfig(ARRAY, guide=GuideConfig(visual_channels=(4, 8), audio_channels=8)))
-    )
-    return path
 
 
 @pytest.fixture
@@ -51,7 +37,7 @@ def test_the_result_is_documented_and_the_overlay_a_picture(
     checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
 ) -> None:
     out, overlay = tmp_path / "result.json", tmp_path / "overlay.png"
-    main(arguments(checkpoint, *clip, out, "--overlay", str(overlay), "--peak-threshold", "0", "--array", "circle4"))
+    main(arguments(checkpoint, *clip, out, "--overlay", str(overlay), "--thresholds.peak", "0", "--array", "circle4"))
     result = json.loads(out.read_text())
     assert result["format"] == "avssl-result/1"
     assert np.array(result["direction_weights"]).shape == (4, 72)
@@ -138,6 +124,27 @@ def nan_samples(image: Path, audio: Path) -> list[str]:
     return []
 
 
+def dead_channel(image: Path, audio: Path) -> list[str]:
+    samples, rate = soundfile.read(audio)
+    samples[:, 2] = 0
+    soundfile.write(audio, samples, rate)
+    return []
+
+
+def fisheyes(image: Path, audio: Path) -> list[str]:
+    circles_ijc = np.zeros((160, 320, 3), np.uint8)
+    for column in (80, 240):
+        cv2.circle(circles_ijc, (column, 80), 78, (150, 150, 150), -1)
+    cv2.imwrite(str(image), circles_ijc)
+    return []
+
+
+def sofa_as_array(image: Path, audio: Path) -> list[str]:
+    path = image.with_name("array.sofa")
+    path.write_bytes(b"\x89HDF\r\n\x1a\n")
+    return ["--array", str(path)]
+
+
 def portrait(image: Path, audio: Path) -> list[str]:
     cv2.imwrite(str(image), np.zeros((640, 480, 3), np.uint8))
     return []
@@ -218,6 +225,9 @@ def unknown_array(image: Path, audio: Path) -> list[str]:
         (three_channels, "clip.wav: 3 channel(s), but array 'circle4' has 4 microphones"),
         (no_samples, "clip.wav: 0 samples (0 ms); a clip needs at least 100 ms"),
         (nan_samples, "clip.wav: sample 123 of channel 3 is not a finite number"),
+        (dead_channel, "clip.wav: channel 3 is dead, constant throughout"),
+        (fisheyes, "pano.png: two fisheye pictures side by side; export it as equirectangular"),
+        (sofa_as_array, "array.sofa: is no text; give a YAML file, which may name a SOFA file"),
         (portrait, "pano.png: 480 x 640 pixels; a 360-degree image is twice as wide as high"),
         (missing_image, "pano.png: no such image file"),
         (missing_audio, "clip.wav: no such audio file"),
@@ -241,17 +251,11 @@ def test_bad_input_gets_one_sentence_and_leaves_nothing(
     checkpoint: Path,
     clip: tuple[Path, Path],
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    refusal: Callable[[Callable[[], int | None]], str],
 ) -> None:
-    more = breakage(*clip)
+    words = [*breakage(*clip), "--overlay", str(tmp_path / "overlay.png")]
     before = set(tmp_path.iterdir())
-    overlay = tmp_path / "overlay.png"
-    with pytest.raises(SystemExit) as exit_info:
-        run(lambda: main(arguments(checkpoint, *clip, tmp_path / "out.json", "--overlay", str(overlay), *more)))
-    assert exit_info.value.code == 2
-    message = capsys.readouterr().err
-    assert says in message
-    assert message.count("\n") == 1
+    assert says in refusal(lambda: main(arguments(checkpoint, *clip, tmp_path / "out.json", *words)))
     assert set(tmp_path.iterdir()) == before
 
 
@@ -259,7 +263,7 @@ def test_bad_input_gets_one_sentence_and_leaves_nothing(
     ("content", "says"),
     [
         ("audio\nclip.wav\n", "column 'image' is missing"),
-        ("audio,image\n", "holds no clip"),
+        ("audio,image\n", "holds nothing below its first line"),
         ("audio,image\nclip.wav,\n", "line 2: column 'image' is empty"),
         ("audio,image\nclip.wav,gone.png\n", "gone.png: no such image file"),
     ],
@@ -270,24 +274,21 @@ def test_a_bad_manifest_is_told_with_its_line(
     checkpoint: Path,
     clip: tuple[Path, Path],
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    refusal: Callable[[Callable[[], int | None]], str],
 ) -> None:
     manifest, out = tmp_path / "clips.csv", tmp_path / "out.jsonl"
     manifest.write_text(content)
-    with pytest.raises(SystemExit) as exit_info:
-        run(lambda: main(["--checkpoint", str(checkpoint), "--manifest", str(manifest), "--out", str(out)]))
-    assert exit_info.value.code == 2
-    assert says in capsys.readouterr().err
+    assert says in refusal(
+        lambda: main(["--checkpoint", str(checkpoint), "--manifest", str(manifest), "--out", str(out)])
+    )
     assert not out.exists()
 
 
 def test_a_missing_checkpoint_is_told(
-    clip: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    clip: tuple[Path, Path], tmp_path: Path, refusal: Callable[[Callable[[], int | None]], str]
 ) -> None:
-    with pytest.raises(SystemExit) as exit_info:
-        run(lambda: main(arguments(tmp_path / "none.safetensors", *clip, tmp_path / "out.json")))
-    assert exit_info.value.code == 2
-    assert "none.safetensors: no such checkpoint" in capsys.readouterr().err
+    words = arguments(tmp_path / "none.safetensors", *clip, tmp_path / "out.json")
+    assert "none.safetensors: no such checkpoint" in refusal(lambda: main(words))
 
 
 def test_a_full_disk_leaves_nothing_half_written(
@@ -295,12 +296,22 @@ def test_a_full_disk_leaves_nothing_half_written(
     clip: tuple[Path, Path],
     tmp_path: Path,
     request: pytest.FixtureRequest,
-    capsys: pytest.CaptureFixture[str],
+    refusal: Callable[[Callable[[], int | None]], str],
 ) -> None:
     before = set(tmp_path.iterdir())
     request.getfixturevalue("full_disk")
-    with pytest.raises(SystemExit) as exit_info:
-        run(lambda: main(arguments(checkpoint, *clip, tmp_path / "out.json")))
-    assert exit_info.value.code == 2
-    assert "out.json: no space is left on the disk" in capsys.readouterr().err
+    words = arguments(checkpoint, *clip, tmp_path / "out.json")
+    assert "out.json: no space is left on the disk" in refusal(lambda: main(words))
     assert set(tmp_path.iterdir()) == before
+
+
+def test_a_silent_clip_holds_nobody_and_is_told(
+    checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image, audio = clip
+    soundfile.write(audio, np.zeros((16_000, 4)), 16_000)
+    main(arguments(checkpoint, image, audio, tmp_path / "out.json"))
+    captured = capsys.readouterr()
+    assert captured.err == f"warning: {audio}: is silent throughout.\n"
+    assert captured.out == "no sounding object found.\n"
+    assert json.loads((tmp_path / "out.json").read_text())["sources"] == []

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import av
+import cv2
 import numpy as np
 import pytest
 import soundfile
@@ -18,7 +19,7 @@ from avssl_pyro.inference.interruption import StopRequest
 from avssl_pyro.viz.video_writer import open_video
 
 ROWS, COLUMNS, FRAME_RATE, SECONDS = 160, 320, 10.0, 3
-ALL_CLASSES = ("--peak-threshold", "0", "--level-threshold", "0")
+ALL_CLASSES = ("--thresholds.peak", "0", "--thresholds.level", "0")
 
 
 @pytest.fixture
@@ -37,8 +38,8 @@ def recording(tmp_path: Path) -> tuple[Path, Path]:
 
 def arguments(checkpoint: Path, recording: tuple[Path, Path], out: Path, *more: str) -> list[str]:
     video, audio = (str(path) for path in recording)
-    refine = () if "--refine" in more else ("--refine", "0")
-    return ["--checkpoint", str(checkpoint), "--video", video, "--audio", audio, "--out", str(out), *refine, *more]
+    rounds = () if "--rounds" in more else ("--rounds", "0")
+    return ["--checkpoint", str(checkpoint), "--video", video, "--audio", audio, "--out", str(out), *rounds, *more]
 
 
 def lines_of(path: Path) -> list[dict[str, object]]:
@@ -79,7 +80,7 @@ def test_tracks_have_numbers_and_refined_results_come_twice_a_second(
     checkpoint: Path, recording: tuple[Path, Path], tmp_path: Path
 ) -> None:
     out = tmp_path / "out.jsonl"
-    assert main(arguments(checkpoint, recording, out, "--refine", "1", *ALL_CLASSES)) == 0
+    assert main(arguments(checkpoint, recording, out, "--rounds", "1", *ALL_CLASSES)) == 0
     lines = lines_of(out)
     assert [line["time_s"] for line in lines] == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5])
     for line in lines:
@@ -95,7 +96,7 @@ def test_the_command_of_the_page_works(
     (command,) = re.findall(r"^python scripts/localize\.py (.*?[^\\])$", page, re.DOTALL | re.MULTILINE)
     monkeypatch.chdir(tmp_path)
     words = shlex.split(command.replace("\\\n", " "))
-    words += ["--refine", "1"]
+    words += ["--rounds", "1"]
     assert main(words) == 0
     assert {"walk.jsonl", "walk.csv", "walk-annotated.mp4"} <= {path.name for path in tmp_path.iterdir()}
 
@@ -132,6 +133,22 @@ def test_an_interrupted_run_leaves_whole_lines_and_says_how_far_it_came(
     assert not annotated.exists()
 
 
+def test_a_video_that_was_cut_off_is_localized_as_far_as_it_goes_and_that_is_said(
+    checkpoint: Path, recording: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    video, _ = recording
+    rng = np.random.default_rng(0)
+    with open_video(video, COLUMNS, ROWS, FRAME_RATE) as writer:
+        for index in range(round(SECONDS * FRAME_RATE)):
+            writer.write(rng.integers(0, 256, (ROWS, COLUMNS, 3), dtype=np.uint8), index / FRAME_RATE)
+    content = video.read_bytes()
+    video.write_bytes(content[: len(content) // 3])
+    assert main(arguments(checkpoint, recording, tmp_path / "out.jsonl")) == 0
+    lines = lines_of(tmp_path / "out.jsonl")
+    assert 10 <= len(lines) < 21
+    assert f"walk.mp4: {21 - len(lines)} windows have no picture" in capsys.readouterr().err
+
+
 def no_overlap(_video: Path, _audio: Path) -> list[str]:
     return ["--offset", "100"]
 
@@ -153,6 +170,30 @@ def missing_video(video: Path, _audio: Path) -> list[str]:
 def truncated_video(video: Path, _audio: Path) -> list[str]:
     video.write_bytes(video.read_bytes()[:600])
     return []
+
+
+def dead_channel(_video: Path, audio: Path) -> list[str]:
+    samples_nm, rate = soundfile.read(audio)
+    samples_nm[:, 0] = 0
+    soundfile.write(audio, samples_nm, rate)
+    return []
+
+
+def fisheye(video: Path, _audio: Path) -> list[str]:
+    circle_ijc = np.zeros((ROWS, COLUMNS, 3), np.uint8)
+    cv2.circle(circle_ijc, (COLUMNS // 2, ROWS // 2), ROWS // 2 - 2, (150, 150, 150), -1)
+    with open_video(video, COLUMNS, ROWS, FRAME_RATE) as out:
+        for index in range(round(SECONDS * FRAME_RATE)):
+            out.write(circle_ijc, index / FRAME_RATE)
+    return []
+
+
+def damaged_flac(_video: Path, audio: Path) -> list[str]:
+    flac = audio.with_suffix(".flac")
+    soundfile.write(flac, soundfile.read(audio)[0], 24_000)
+    content = flac.read_bytes()
+    flac.write_bytes(content[: len(content) // 2])
+    return ["--audio", str(flac)]
 
 
 def three_channels(_video: Path, audio: Path) -> list[str]:
@@ -193,6 +234,9 @@ def image_as_well(video: Path, _audio: Path) -> list[str]:
         (missing_audio, "walk.wav: no such audio file"),
         (missing_video, "walk.mp4: no such video file"),
         (truncated_video, "walk.mp4: cannot be read as video"),
+        (dead_channel, "walk.wav: channel 1 is dead, constant throughout"),
+        (fisheye, "walk.mp4: one fisheye picture on black; export it as equirectangular"),
+        (damaged_flac, "walk.flac: cannot be read as audio"),
         (three_channels, "walk.wav: 3 channel(s), but array 'circle4' has 4 microphones"),
         (folder_as_output, "is not a regular file"),
         (video_as_output, "walk.mp4: is read or written by the same command already"),

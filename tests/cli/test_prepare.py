@@ -2,10 +2,13 @@
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+import soundfile
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "data"))
 
@@ -18,6 +21,7 @@ from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.starss import list_starss
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.viz.video_writer import open_video
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "prepare.py"
 
@@ -70,6 +74,65 @@ def test_bad_options_end_in_one_sentence(
     arguments: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert words in fails(["--out", str(tmp_path / "out"), "--array", "circle4", *arguments], capsys)
+
+
+def test_a_video_that_was_cut_off_gives_the_clips_that_it_still_shows(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its index, in front, names all of its frames."""
+    video, out = tmp_path / "walk.mp4", tmp_path / "out"
+    rng = np.random.default_rng(0)
+    with open_video(video, 320, 160, 10.0) as writer:
+        for index in range(60):
+            writer.write(rng.integers(0, 256, (160, 320, 3), dtype=np.uint8), index / 10)
+    content = video.read_bytes()
+    video.write_bytes(content[: len(content) * 6 // 10])
+    write_noise(tmp_path / "walk.wav", [0.1] * 6)
+    main(["--video", str(video), "--audio", str(tmp_path / "walk.wav"), "--array", "circle4", "--out", str(out)])
+    captured = capsys.readouterr()
+    clips = len(SceneDataset(out))
+    assert 3 <= clips <= 4
+    assert f"{6 - clips} clip(s) have no picture, the first at {clips}.0 s, where the video has a gap" in captured.err
+
+
+def dead_channel(folder: Path) -> None:
+    samples_nm, rate = soundfile.read(folder / "walk.wav")
+    samples_nm[:, 2] = 0
+    soundfile.write(folder / "walk.wav", samples_nm, rate)
+
+
+def five_channels(folder: Path) -> None:
+    write_noise(folder / "walk.wav", [0.1] * 3, num_channels=5)
+
+
+def digital_silence(folder: Path) -> None:
+    write_noise(folder / "walk.wav", [0.0] * 3, constant=0.0)
+
+
+def one_fisheye(folder: Path) -> None:
+    frame_ijc = np.zeros((160, 320, 3), np.uint8)
+    cv2.circle(frame_ijc, (160, 80), 78, (150, 150, 150), -1)
+    write_frames(folder / "walk.mp4", [frame_ijc] * 30)
+
+
+@pytest.mark.parametrize(
+    ("breakage", "says"),
+    [
+        (dead_channel, "walk.wav: channel 3 is dead, constant throughout"),
+        (five_channels, "walk.wav: 5 channel(s), but array 'circle4' has 4 microphones"),
+        (digital_silence, "no clip of 1 s has both sound above -100 dB of full scale and a picture"),
+        (one_fisheye, "walk.mp4: one fisheye picture on black; export it as equirectangular"),
+    ],
+)
+def test_a_bad_recording_is_refused_before_anything_is_written(
+    breakage: Callable[[Path], None], says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_noise(tmp_path / "walk.wav", [0.1] * 3)
+    write_video(tmp_path / "walk.mp4", 30)
+    breakage(tmp_path)
+    words = ["--video", str(tmp_path / "walk.mp4"), "--audio", str(tmp_path / "walk.wav"), "--array", "circle4"]
+    assert says in fails([*words, "--out", str(tmp_path / "out")], capsys)
+    assert not (tmp_path / "out").exists()
 
 
 def talker_frame() -> np.ndarray:

@@ -38,8 +38,8 @@ def arguments(tmp_path_factory: pytest.TempPathFactory, scene_folder: Path) -> l
         (scenes / name).symlink_to(scene_folder, target_is_directory=True)
     checkpoints = [save_small(folder / f"{array}.safetensors", array) for array in ("circle4", "circle2")]
     given = [word for checkpoint in checkpoints for word in ("--checkpoint", str(checkpoint))]
-    short = ["--jobs", "1", "--rounds", "2", "--same-band"]
-    words = ["--tables", *given, "--scenes", str(scenes), *short, "--out", str(folder / "out")]
+    short = ["--workers", "1", "--rounds", "2", "--same-band"]
+    words = ["--tables", *given, "--sets", str(scenes), *short, "--out", str(folder / "out")]
     evaluate.main(words)
     return words
 
@@ -131,9 +131,9 @@ def test_without_checkpoints_the_shipped_weights_are_compared(
         return load_checkpoint(save_small(tmp_path / f"{name}.safetensors", name))
 
     monkeypatch.setattr(evaluate, "load_shipped", shipped)
-    scenes = arguments[arguments.index("--scenes") + 1]
+    scenes = arguments[arguments.index("--sets") + 1]
     with pytest.raises(RuntimeError, match="all-speak M=2 is run again"):
-        evaluate.main(["--tables", "--scenes", scenes, "--out", str(tmp_path / "out")])
+        evaluate.main(["--tables", "--sets", scenes, "--out", str(tmp_path / "out")])
     assert asked == ["circle2", "circle4", "circle6"]
 
 
@@ -154,11 +154,13 @@ def test_bad_input_is_told_before_anything_runs(
     one = ["--checkpoint", checkpoint]
     for words, message in [
         (["--tables", *one, *one], "a second checkpoint for 4 microphones"),
-        (["--tables", *one, "--test", folder], "give --scenes instead"),
-        ([*one, "--scenes", folder, "--test", folder], "leave out --validation and --test"),
+        (["--tables", *one, "--test-data", folder], "give --sets instead"),
+        ([*one, "--sets", folder, "--test-data", folder], "leave out --validation-data and --test-data"),
+        (["--tables", *one, "--array", "circle4"], "leave out --array"),
+        ([*one, "--array", "circle6"], "trained for array 'circle4' with 4 microphones, but 'circle6' has 6"),
         ([*arguments[1:]], "2 checkpoints were given; give one, or add --tables"),
-        (["--tables", *one, "--scenes", str(tmp_path / "none")], "no such folder; --scenes wants"),
-        (["--tables", *one, "--scenes", str(tmp_path)], "all-speak-validation: no manifest.json"),
+        (["--tables", *one, "--sets", str(tmp_path / "none")], "no such folder; --sets wants"),
+        (["--tables", *one, "--sets", str(tmp_path)], "all-speak-validation: no manifest.json"),
     ]:
         with pytest.raises(InputError, match=message):
             evaluate.main(words)

@@ -31,7 +31,7 @@ def test_reads_any_number_of_talkers_and_leaves_other_columns_alone(folder: Path
     [
         ("file,azimuth\none.wav,3\n", "column 'azimuth_deg' is missing"),
         ("", "column 'file' is missing"),
-        ("file,azimuth_deg\n", "lists no recording"),
+        ("file,azimuth_deg\n", "holds nothing below its first line"),
         ("file,azimuth_deg\none.wav,3\n,4\n", "line 3: column 'file' is empty"),
         ("file,azimuth_deg\none.wav\n", "line 2: it has no field for azimuth_deg"),
         ("file,azimuth_deg\ntwo.wav,3\n", "line 2: there is no file"),

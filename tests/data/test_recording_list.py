@@ -38,9 +38,9 @@ def test_a_list_overrides_what_it_names(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("video\nv.mp4\n", "column 'video' or 'audio' is missing"),
+        ("video\nv.mp4\n", "column 'audio' is missing; the first line must be: video,audio"),
         ("video,audio,yaw\nv.mp4,a.wav,3\n", "column 'yaw' is unknown"),
-        ("video,audio\n", "holds no recording"),
+        ("video,audio\n", "holds nothing below its first line"),
         ("video,audio\nv.mp4,\n", "line 2: column 'audio' is empty"),
         ("video,audio,yaw_deg\nv.mp4,a.wav,left\n", "line 2: yaw_deg is 'left'"),
     ],

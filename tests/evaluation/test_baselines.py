@@ -73,7 +73,7 @@ def test_silence_a_dead_microphone_and_a_noiseless_wave_stay_finite(name):
 def test_a_clip_does_not_depend_on_those_before_it_nor_on_the_number_of_processes():
     array = PRESETS["circle4"]
     clips = [plane_waves(array, [azimuth_deg], seed=seed) for seed, azimuth_deg in enumerate([10, 100, -100])]
-    for alone, together in zip(default_baselines(array, GRID), default_baselines(array, GRID, num_jobs=2), strict=True):
+    for alone, together in zip(default_baselines(array, GRID), default_baselines(array, GRID, workers=2), strict=True):
         expected = [alone.observe(clip) for clip in reversed(clips)][::-1]
         np.testing.assert_array_equal(together.observe_all(iter(clips)), expected)
 

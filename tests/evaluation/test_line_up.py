@@ -45,7 +45,7 @@ def test_the_baselines_search_the_band_they_are_told(line_up: LineUp) -> None:
 
 def test_facts_tell_apart_whatever_changes_the_numbers(line_up: LineUp) -> None:
     facts = line_up.facts()
-    assert replace(line_up, jobs=2).facts() == facts
+    assert replace(line_up, workers=2).facts() == facts
     for other in (
         replace(line_up, refinement=replace(line_up.refinement, rounds=4)),
         replace(line_up, baseline_band_hz=(200.0, 4000.0)),

@@ -1,12 +1,13 @@
 from io import StringIO
 
 import pytest
+from result_rows import result_row
 from rich.console import Console
 
 from avssl_pyro.evaluation.paper_figures import PAPER_TABLES, TABLE_I, TABLE_II, TABLE_III
 from avssl_pyro.evaluation.paper_tables import behind, overall_table, paper_tables, sweep_tables
 from avssl_pyro.evaluation.report import print_tables
-from avssl_pyro.evaluation.tables import METHOD_ORDER, ResultRow
+from avssl_pyro.evaluation.tables import METHOD_ORDER
 
 CONDITIONS = ("all-speak", "some-silent")
 HALF = {"all-speak": 0.02, "some-silent": 0.03}
@@ -14,18 +15,14 @@ HALF = {"all-speak": 0.02, "some-silent": 0.03}
 
 def row(condition, microphones, sources, method, f_measure, count, tolerance_deg=10.0):
     half = HALF[condition]
-    return ResultRow(
+    return result_row(
+        method,
+        f_measure,
         condition=condition,
         microphones=microphones,
         sources=sources,
-        method=method,
         tolerance_deg=tolerance_deg,
-        f_measure=f_measure,
-        precision=0.5,
-        recall=0.5,
         count_accuracy=count,
-        localization_error_deg=3.0,
-        clips=20,
         f_low=f_measure - half,
         f_high=f_measure + half,
         count_low=count - 0.1,

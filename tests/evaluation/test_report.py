@@ -2,9 +2,10 @@ import json
 from io import StringIO
 
 import pytest
+from result_rows import result_row
 from rich.console import Console
 
-from avssl_pyro.evaluation.report import ResultRow, print_table, write_report
+from avssl_pyro.evaluation.report import print_table, write_report
 
 KEYS = {
     *("condition", "microphones", "sources", "method", "tolerance_deg", "f_measure", "precision", "recall"),
@@ -13,28 +14,17 @@ KEYS = {
 }
 
 
-def row(method, f_measure, sources="all", *, tolerance_deg=10.0, microphones=6, error_deg=3.0, count=0.5):
-    return ResultRow(
-        condition="some-silent",
-        microphones=microphones,
-        sources=sources,
-        method=method,
-        tolerance_deg=tolerance_deg,
-        f_measure=f_measure,
-        precision=0.5,
-        recall=0.5,
-        count_accuracy=count,
-        localization_error_deg=error_deg,
-        clips=40 if sources == "all" else 20,
-        f_low=f_measure - 0.05,
-        f_high=f_measure + 0.05,
-    )
-
-
 def rows():
     methods = {"refined": 0.95, "my-own": 0.7, "amortized": 0.8, "music": 0.75, "random": 0.13}
     return [
-        row(method, value, sources, tolerance_deg=tolerance_deg, count=1.0 if method == "random" else 0.5)
+        result_row(
+            method,
+            value,
+            sources=sources,
+            tolerance_deg=tolerance_deg,
+            count_accuracy=1.0 if method == "random" else 0.5,
+            clips=40 if sources == "all" else 20,
+        )
         for tolerance_deg in (5.0, 10.0)
         for method, value in methods.items()
         for sources in (2, 3, "all")
@@ -47,7 +37,10 @@ def markdown_lines(folder, start):
 
 
 def test_json_is_a_list_of_rows_with_null_for_what_is_undefined(tmp_path):
-    write_report([row("music", 0.0, error_deg=float("nan")), row("music", 0.5, sources=2)], tmp_path / "new" / "run")
+    write_report(
+        [result_row("music", 0.0, localization_error_deg=float("nan")), result_row("music", 0.5, sources=2)],
+        tmp_path / "new" / "run",
+    )
     data = json.loads((tmp_path / "new" / "run" / "report.json").read_text(encoding="utf-8"))
     assert [set(item) for item in data] == [KEYS, KEYS]
     assert data[0]["localization_error_deg"] is None
@@ -96,6 +89,6 @@ def test_the_terminal_table_fits_80_columns_uncut():
 
 
 def test_every_condition_and_array_has_its_own_table(tmp_path):
-    write_report([row("music", 0.5, microphones=2), row("music", 0.7, microphones=6)], tmp_path)
+    write_report([result_row("music", 0.5, microphones=2), result_row("music", 0.7, microphones=6)], tmp_path)
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert text.index("2 microphones") < text.index("0.50 ±") < text.index("6 microphones") < text.index("0.70 ±")

@@ -5,6 +5,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
+from avssl_pyro.errors import InputError
 from avssl_pyro.inference.localization import (
     LocalizedSource,
     ScenePosterior,
@@ -177,3 +178,9 @@ def test_turning_the_scene_turns_the_objects(drawn: list[tuple[float, float]], s
     for first, second in zip(before, after, strict=True):
         assert abs(wrap_angle(second.azimuth - first.azimuth + steps * GRID.spacing)) < 1e-6
         assert second.source_class == first.source_class
+
+
+@pytest.mark.parametrize("wrong", [{"level": -0.1}, {"peak": 1.5}, {"peak": float("nan")}, {"merge_deg": 181.0}])
+def test_impossible_thresholds_are_refused_in_a_sentence(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=f"SourceThresholds: {next(iter(wrong))} is"):
+        SourceThresholds(**wrong)

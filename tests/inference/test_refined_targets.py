@@ -12,7 +12,7 @@ from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.directions import GuideParameters
-from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss, _cross_entropy
+from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss, log_outcomes
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
@@ -107,11 +107,26 @@ def test_the_audio_network_learns_which_class_hears_a_talker(data: tuple[Tensor,
     assert (target.pi_bk.amax(-1) > 0.3).all()
 
 
-def test_a_class_that_is_next_to_silent_can_be_woken() -> None:
-    outcome_bo = torch.tensor([[0.0, 1.0]], requires_grad=True)
-    _cross_entropy(torch.tensor([[0.5, 0.5]]), outcome_bo).backward()
-    assert outcome_bo.grad is not None
-    assert outcome_bo.grad[0, 0] < -1
+@pytest.mark.parametrize("num_directed", [2, 3])
+def test_outcomes_are_the_mixture_over_classes(num_directed: int) -> None:
+    share_bkd, pi_bk = torch.rand(B, 3, D).softmax(-1), torch.rand(B, 3).softmax(-1)
+    n = num_directed
+    outcome_bo = log_outcomes(share_bkd.log(), pi_bk.log(), n).exp()
+    torch.testing.assert_close(outcome_bo[:, :D], torch.einsum("bk,bkd->bd", pi_bk[:, :n], share_bkd[:, :n]))
+    torch.testing.assert_close(outcome_bo.sum(-1), torch.ones(B))
+    assert outcome_bo.shape == (B, D + 3 - n)
+
+
+def test_a_direction_that_the_guide_rules_out_keeps_its_gradient() -> None:
+    mu_bkd = torch.zeros(1, 2, D)
+    mu_bkd[:, :, 5] = -150.0
+    assert mu_bkd.softmax(-1)[..., 5].eq(0).all()
+    mu_bkd.requires_grad_()
+    log_outcome_bo = log_outcomes(mu_bkd.log_softmax(-1), torch.tensor([[0.5, 0.5]]).log(), 2)
+    (-log_outcome_bo[0, 5]).backward()
+    assert mu_bkd.grad is not None
+    # All of the gradient of a cross-entropy, not a rest of it: both classes are drawn there alike.
+    torch.testing.assert_close(mu_bkd.grad[0, :, 5], torch.tensor([-0.5, -0.5]))
 
 
 def test_the_strength_rises_over_the_warmup_and_stays() -> None:

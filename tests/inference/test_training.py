@@ -19,11 +19,12 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.inference.divergence import TrainingDivergedError
 from avssl_pyro.inference.refined_targets import TargetConfig
 from avssl_pyro.inference.reporting import read_log
 from avssl_pyro.inference.system import GuideConfig, System, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingTraceELBO
-from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, TrainingDivergedError, train
+from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, train
 
 SMALL = GuideConfig(visual_channels=(4, 8), audio_channels=8)
 CONFIG = OptimizationConfig(epochs=2, batch_size=2, warmup_steps=2, num_workers=0, log_every=1)
