@@ -86,7 +86,7 @@ _FAST = TrainOptions(
     model=ModelConfig(num_sources=9, bin_weight=3.0),
     guide=GuideConfig(diffuse_class=True, anchor_gain=3.0, augment=True),
     stft=StftConfig(hop=256, low_hz=200.0, high_hz=4000.0, bin_step=2),
-    targets=TargetConfig(weight=0.03),
+    targets=TargetConfig(weight=0.03, level_weight=4.0),
 )
 PRESETS: dict[str, TrainOptions] = {
     "quick": _FAST,

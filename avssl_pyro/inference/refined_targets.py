@@ -3,8 +3,9 @@
 The posterior of a clip is climbed in closed form from where the visual network looks, with all levels equal, as a
 :class:`avssl_pyro.guides.refined.RefinedGuide` does. The guide is drawn towards where that leads by two
 cross-entropies. That of the sound's distribution over directions takes classes as a mixture, so it does not matter
-which of them hears a source; that of the levels goes class by class, and teaches the audio network whether what a class
-looks at sounds. No label takes part: the refined posterior is a function of model, picture and recording.
+which of them hears a source. That of the levels goes class by class and teaches the audio network alone whether what a
+class looks at sounds; the visual network would learn to look where levels are easy to tell. No label takes part: the
+refined posterior is a function of model, picture and recording.
 """
 
 import math
@@ -18,6 +19,7 @@ from torch import Tensor, nn
 from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent, MixturePoint
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.errors import InputError
+from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.inference.terms import RecordsTerms
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -32,7 +34,8 @@ class TargetConfig:
     Args:
         weight: of the cross-entropy of directions, in nats per clip, beside the ELBO per time-frequency bin; 0 turns
             it off.
-        level_weight: the same of the cross-entropy of levels, whose gradient has the scale of the ELBO's.
+        level_weight: the same of the cross-entropy of levels, whose gradient has the scale of the ELBO's; nothing to
+            a guide without an audio network.
         rounds: of ascent behind a target.
         softening: the log-weights are multiplied by it to start with, as in a refinement.
         smoothing_deg: standard deviation of the kernel that targets are smoothed with over directions, degrees.
@@ -70,6 +73,7 @@ class TaughtLoss(nn.Module):
         loss: the estimator's loss module of model and guide.
         estimator: the estimator behind it; the guide's posterior is read off its last trace.
         model: the generative model.
+        guide: the guide whose audio network learns levels; None if it has no such network.
         config: what targets are made of.
         prior_sigma, alpha: of the model's priors of log w and of the mixing levels.
         diffuse_class: the last class is for diffuse noise; what it hears comes from nowhere.
@@ -80,6 +84,7 @@ class TaughtLoss(nn.Module):
         loss: nn.Module,
         estimator: Trace_ELBO,
         model: SpatialCGMM,
+        guide: AmortizedGuide | None,
         config: TargetConfig,
         *,
         prior_sigma: float = 1.0,
@@ -91,8 +96,8 @@ class TaughtLoss(nn.Module):
         self.loss = loss
         self._estimator: RecordsTerms = estimator
         self._num_directed = model.num_sources - diffuse_class
-        # In a tuple, so that the model's parameters are not registered a second time.
-        self._model = (model,)
+        # In tuples, so that their parameters are not registered a second time.
+        self._model, self._guide = (model,), (guide,)
         self._config = config
         self._prior_sigma = prior_sigma
         self._alpha = alpha
@@ -128,7 +133,15 @@ class TaughtLoss(nn.Module):
             target_share_bkd = target.log_w_bkd.softmax(-1) @ self._kernel(mu_bkd)
             target_bo = log_outcomes(target_share_bkd.log(), target.pi_bk.log(), self._num_directed).exp()
             log_outcome_bo = log_outcomes(mu_bkd.log_softmax(-1), pi_bk.log(), self._num_directed)
-        return -(target_bo * log_outcome_bo).sum(-1).mean(), -(target.pi_bk * pi_bk.log()).sum(-1).mean()
+        of_directions = -(target_bo * log_outcome_bo).sum(-1).mean()
+        (guide,) = self._guide
+        if guide is None or not self._config.level_weight:
+            return of_directions, torch.zeros_like(of_directions)
+        # At the weights by which levels are predicted when clips are localized, Eq. (1).
+        feature_bcdt = guide.audio.direction_features(x_bfmt)
+        concentration_bk = guide.concentration(feature_bcdt, mu_bkd.detach().softmax(-1))
+        log_level_bk = (concentration_bk / concentration_bk.sum(-1, keepdim=True)).log()
+        return of_directions, -(target.pi_bk * log_level_bk).sum(-1).mean()
 
     @torch.no_grad()
     def _refine(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixturePoint:

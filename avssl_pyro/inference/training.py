@@ -189,6 +189,7 @@ def _loss_module(
         elbo,
         estimator,
         system.model,
+        system.guide if isinstance(system.guide, AmortizedGuide) else None,
         targets,
         prior_sigma=sizes.sigma,
         alpha=sizes.alpha,
