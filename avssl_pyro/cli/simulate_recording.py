@@ -36,7 +36,8 @@ SOURCE = "simulated"
 class SimulateRecordingOptions:
     """Simulate 360-degree recordings with labels: a room, people who walk, stand, talk and keep silent.
 
-    Written are mic_dev (or foa_dev), video_dev and metadata_dev as in STARSS23, which prepare.py --starss reads. Without
+    Written are mic_dev (or foa_dev), video_dev and metadata_dev as in STARSS23, which prepare.py --starss reads.
+    Without
     --speech, --people or --panoramas, material made in code stands in for what is missing.
     """
 

@@ -57,7 +57,7 @@ class Film:
         height_m = people.room.array_height_m
         panorama_ijc = panorama_source.draw(rng, height_m)
         facing = float(rng.uniform(-np.pi, np.pi))
-        self._background_ijc = relight(whole_sphere(panorama_ijc, facing + camera.yaw, camera.columns), rng)
+        self._background_ijc = relight(whole_sphere(panorama_ijc, facing - camera.yaw, camera.columns), rng)
         self._cutouts = [relight(person_source.draw(rng), rng) for _ in people.distances_s]
         self._layers: dict[int, tuple[float, Layer]] = {}
 

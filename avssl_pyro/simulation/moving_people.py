@@ -1,4 +1,4 @@
-"""Who is in a recording: people who walk around camera and array or stand, some of whom talk and some of whom do not."""
+"""Who is in a recording: people who walk around camera and array or stand, who talk or keep silent."""
 
 from dataclasses import dataclass, field, replace
 
