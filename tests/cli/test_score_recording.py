@@ -43,7 +43,7 @@ def test_baselines_stand_beside(
     main(["--labels", files[0], "--estimates", files[1], "--audio", str(audio)])
     out = capsys.readouterr().out
     assert "20 frames, 10 labelled directions" in out
-    assert all(name in out for name in ("srp-phat", "music", "normmusic, tuned"))
+    assert all(name in out for name in ("srp-phat", "music", "norm-music, tuned"))
 
 
 def test_what_cannot_be_scored_is_refused(
