@@ -66,7 +66,7 @@ class MovingPeople:
         """Of the mouths, radians."""
         return np.arctan2(self.mouths_above_s, self.distances_s)
 
-    def azimuths_at(self, times_s: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    def azimuths_at(self, times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Azimuths (S, T) at any times, seconds, between the instants evenly; radians in [-pi, pi)."""
         unwrapped_st = np.unwrap(self.talkers.azimuths_st, axis=1)
         return wrap_angle([np.interp(times_s, self.talkers.times_s, azimuth_t) for azimuth_t in unwrapped_st])

@@ -156,7 +156,7 @@ def test_people_are_as_asked_for() -> None:
 def test_the_truth_moves_evenly_across_the_seam() -> None:
     people = standing(0.0, np.ones(3, dtype=bool))
     talkers = replace(people.talkers, azimuths_st=np.deg2rad([[170.0, 178.0, -174.0]]))
-    (found,) = np.rad2deg(replace(people, talkers=talkers).azimuths_at([0.05, 0.15, 9.0]))
+    (found,) = np.rad2deg(replace(people, talkers=talkers).azimuths_at(np.array([0.05, 0.15, 9.0])))
     np.testing.assert_allclose(found, [174.0, -178.0, -174.0])
 
 
