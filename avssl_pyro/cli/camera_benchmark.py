@@ -40,6 +40,9 @@ class CameraBenchmarkOptions:
     checkpoint: Path | None = None
     """Checkpoint of svi_train.py for this array; by default the weights that come with the package."""
     material: Annotated[MaterialOptions, tyro.conf.arg(name="")] = field(default_factory=MaterialOptions)
+    standing_share: float = MovingPeopleConfig.standing_share
+    """Of the people, by chance, who never walk. Two talkers who both stand for the whole recording look the same in a
+    picture that is mirrored and turned so that they change places: no search can tell."""
     width: int = 576
     """Columns of the pictures, which are half as high."""
     seed: int = 0
@@ -55,6 +58,8 @@ def main(args: Sequence[str] | None = None) -> None:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
     options = tyro.cli(CameraBenchmarkOptions, args=args)
+    if not 0 <= options.standing_share <= 1:
+        raise InputError(f"--standing-share is {options.standing_share:g}; give a share from 0 to 1.")
     if options.recordings < 1 or options.seconds < 8 or options.seed < 0 or options.width < 288:
         raise InputError(
             f"--recordings {options.recordings} --seconds {options.seconds:g} --width {options.width} --seed "
@@ -74,7 +79,7 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def _experiment(options: CameraBenchmarkOptions) -> CameraExperiment:
     array = resolve_array(options.array)
-    config = MovingPeopleConfig()
+    config = MovingPeopleConfig(standing_share=options.standing_share)
     simulator = RecordingSimulator(
         config=replace(config, walks=replace(config.walks, seconds=round(options.seconds, 1))),
         seed=options.seed,
@@ -90,7 +95,7 @@ def _experiment(options: CameraBenchmarkOptions) -> CameraExperiment:
 
 def _settings(options: CameraBenchmarkOptions) -> dict[str, str]:
     """What results depend on."""
-    names = ("seconds", "array", "checkpoint", "material", "width", "seed")
+    names = ("seconds", "array", "checkpoint", "material", "standing_share", "width", "seed")
     return {name: str(getattr(options, name)) for name in names}
 
 
