@@ -80,7 +80,7 @@ class PlaneWaveReceiver:
     def _impulses(self, unit_vectors_dx: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
         """Impulse responses, (D, V, M, L): version v is late by v / V of a sample."""
         taps = 2 * self.half
-        frequency_f = np.fft.rfftfreq(taps, 1 / SAMPLE_RATE)
+        frequency_f = np.fft.rfftfreq(taps, 1 / SAMPLE_RATE).astype(np.float64)
         pressure_fdm = self.array.steering.model(self.array).pressure(unit_vectors_dx, frequency_f)
         fade_f = 0.5 + 0.5 * np.cos(
             np.pi * np.clip((frequency_f - FADE_FROM_HZ) / (SAMPLE_RATE / 2 - FADE_FROM_HZ), 0, 1)

@@ -61,7 +61,7 @@ def hear(people: MovingPeople, voices: DryVoices, array: MicrophoneArray, steps:
     """All voices at every microphone, (M, N), float32, 16 kHz, reverberant and without noise."""
     num_samples = voices.voice_sn.shape[1]
     mixture_mn = np.zeros((array.num_microphones, num_samples), dtype=np.float32)
-    azimuth_sn = people.azimuths_at(np.arange(num_samples) / SAMPLE_RATE)
+    azimuth_sn = people.azimuths_at(np.arange(num_samples, dtype=np.float64) / SAMPLE_RATE)
     for s, voice_n in enumerate(voices.voice_sn):
         distance_m, above_m = float(people.distances_s[s]), float(people.mouths_above_s[s])
         heard_mn = hear_walking(voice_n, azimuth_sn[s], distance_m, above_m, array, people.room, steps)
@@ -71,7 +71,7 @@ def hear(people: MovingPeople, voices: DryVoices, array: MicrophoneArray, steps:
 
 def labels(people: MovingPeople, voices: DryVoices) -> tuple[DcaseRow, ...]:
     """Who sounds, in every frame of 100 ms: where its mouth is in the middle of the frame; everybody of class 0."""
-    middle_t = (np.arange(voices.sounding_st.shape[1]) + 0.5) * FRAME_S
+    middle_t = (np.arange(voices.sounding_st.shape[1], dtype=np.float64) + 0.5) * FRAME_S
     azimuth_st = np.rad2deg(people.azimuths_at(middle_t))
     elevation_s = np.rad2deg(people.elevations_s)
     reach_s = 100 * np.hypot(people.distances_s, people.mouths_above_s)
