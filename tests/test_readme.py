@@ -15,6 +15,7 @@ import torch
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import (
     benchmark,
+    camera_benchmark,
     compare_elbo,
     compare_recordings,
     doctor,
@@ -22,7 +23,9 @@ from avssl_pyro.cli import (
     gallery,
     localize,
     prepare,
+    score_recording,
     simulate,
+    simulate_recording,
     track_benchmark,
     train,
 )
@@ -58,6 +61,12 @@ MAINS: dict[str, tuple[Callable[[Sequence[str]], object], dict[str, str]]] = {
     "gallery.py": (gallery.main, {"--each": "1"}),
     "track_benchmark.py": (track_benchmark.main, {"--recordings": "1", "--talkers.seconds": "4"}),
     "compare_elbo.py": (compare_elbo.main, {"--seconds": "0.05", "--clips": "1", "--draws": "4"}),
+    "simulate_recording.py": (
+        simulate_recording.main,
+        {"--seconds": "4", "--width": "288", "--frame-rate": "5"},
+    ),
+    "score_recording.py": (score_recording.main, {}),
+    "camera_benchmark.py": (camera_benchmark.main, {"--recordings": "1", "--seconds": "8", "--width": "288"}),
     "benchmark.py": (benchmark.main, {"--array": "circle2", "--batch-size": "2", "--repeats": "2"}),
 }
 

@@ -30,8 +30,13 @@ class FirstOrderAmbisonics:
     normalization: str = "sn3d"
 
     def __call__(self, grid: DirectionGrid, frequencies_hz: npt.NDArray[np.float64]) -> Tensor:
+        return normalized(self.pressure(grid.unit_vectors, frequencies_hz))
+
+    def pressure(
+        self, unit_vectors_dx: npt.NDArray[np.float64], frequencies_hz: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.complex128]:
         omni, dipole = NORMALIZATIONS[self.normalization]
-        x_d, y_d, z_d = dipole * grid.unit_vectors.T
-        gain_d = {"W": np.full(grid.num_directions, omni), "X": x_d, "Y": y_d, "Z": z_d}
+        x_d, y_d, z_d = dipole * unit_vectors_dx.T
+        gain_d = {"W": np.full(len(unit_vectors_dx), omni), "X": x_d, "Y": y_d, "Z": z_d}
         gain_dm = np.stack([gain_d[channel] for channel in CHANNEL_ORDERS[self.order]], axis=-1)
-        return normalized(np.tile(gain_dm.astype(np.complex128), (len(frequencies_hz), 1, 1)))
+        return np.tile(gain_dm.astype(np.complex128), (len(frequencies_hz), 1, 1))

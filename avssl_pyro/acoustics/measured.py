@@ -60,6 +60,17 @@ class MeasuredResponses:
         response_dmf = self._at_frequencies(frequencies_hz)
         return normalized(self._at_azimuths(response_dmf, grid.azimuths).transpose(2, 0, 1))
 
+    def pressure(
+        self,
+        unit_vectors_dx: npt.NDArray[np.float64],  # noqa: ARG002
+        frequencies_hz: npt.NDArray[np.float64],  # noqa: ARG002
+    ) -> npt.NDArray[np.complex128]:
+        """Always raises InputError: what comes from above and below was not measured."""
+        raise InputError(
+            "measured responses are of horizontal directions alone, but a room reflects sound from above and below; "
+            "give recordings of this array instead."
+        )
+
     def _at_frequencies(self, frequencies_hz: npt.NDArray[np.float64]) -> npt.NDArray[np.complex128]:
         last = len(self.frequencies_n) - 1
         place_f = np.interp(frequencies_hz, self.frequencies_n, np.arange(last + 1.0))

@@ -65,11 +65,17 @@ class RigidSphere:
         self.centre_m = centre_m
 
     def __call__(self, grid: DirectionGrid, frequencies_hz: npt.NDArray[np.float64]) -> Tensor:
+        return normalized(self.pressure(grid.unit_vectors, frequencies_hz))
+
+    def pressure(
+        self, unit_vectors_dx: npt.NDArray[np.float64], frequencies_hz: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.complex128]:
         centre = np.array(self.centre_m)
         offset_mx = self.array.positions - centre
         outward_mx = offset_mx / np.linalg.norm(offset_mx, axis=-1, keepdims=True)
         wave_number_f = 2 * np.pi * frequencies_hz / self.array.speed_of_sound
-        cosine_dm = grid.unit_vectors @ outward_mx.T
-        phase_fd = wave_number_f[:, None] * (grid.unit_vectors @ centre)
+        cosine_dm = unit_vectors_dx @ outward_mx.T
+        phase_fd = wave_number_f[:, None] * (unit_vectors_dx @ centre)
         response_fdm = sphere_response(wave_number_f * self.radius_m, cosine_dm)
-        return normalized(response_fdm * np.exp(1j * phase_fd)[..., None])
+        pressure_fdm: npt.NDArray[np.complex128] = response_fdm * np.exp(1j * phase_fd)[..., None]
+        return pressure_fdm

@@ -20,6 +20,18 @@ class SteeringModel(Protocol):
         """Steering vectors a_fd, complex128 (F, D, M), each of squared norm M; see :func:`normalized`."""
         ...
 
+    def pressure(
+        self, unit_vectors_dx: npt.NDArray[np.float64], frequencies_hz: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.complex128]:
+        """What is recorded of plane waves from any directions, (D, 3), as it is: complex128 (F, D, M).
+
+        Relative to the pressure at the array's origin if nothing stood there; what rooms are simulated with.
+
+        Raises:
+            InputError: the response is not known in all directions.
+        """
+        ...
+
 
 class ArrayGeometry(Protocol):
     """What a steering model asks of an array; :class:`avssl_pyro.acoustics.array.MicrophoneArray` has it."""
@@ -93,6 +105,11 @@ class FreeField:
         self.array = array
 
     def __call__(self, grid: DirectionGrid, frequencies_hz: npt.NDArray[np.float64]) -> Tensor:
-        lead_dm = grid.unit_vectors @ self.array.positions.T / self.array.speed_of_sound
+        return torch.from_numpy(self.pressure(grid.unit_vectors, frequencies_hz))
+
+    def pressure(
+        self, unit_vectors_dx: npt.NDArray[np.float64], frequencies_hz: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.complex128]:
+        lead_dm = unit_vectors_dx @ self.array.positions.T / self.array.speed_of_sound
         phase_fdm = 2 * np.pi * frequencies_hz[:, None, None] * lead_dm
-        return torch.from_numpy(np.exp(1j * phase_fdm))
+        return np.exp(1j * phase_fdm)

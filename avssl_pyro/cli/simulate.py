@@ -3,7 +3,7 @@
 import contextlib
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,6 +11,7 @@ import joblib
 import tyro
 
 from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.cli.material import MaterialOptions
 from avssl_pyro.data.clip import Clip, SceneLabels
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.encoding import LabeledScene
@@ -18,14 +19,8 @@ from avssl_pyro.data.generation import SCENES_PER_SHARD, generate
 from avssl_pyro.data.scene_plan import plan_scenes
 from avssl_pyro.data.verification import verify
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.figures import ProceduralPerson
 from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
-from avssl_pyro.simulation.panoramas import PanoramaFolder
-from avssl_pyro.simulation.people import PeopleFolder
-from avssl_pyro.simulation.rooms import ProceduralRoom
 from avssl_pyro.simulation.scenes import SceneSimulator
-from avssl_pyro.simulation.speech import SpeechFolder
-from avssl_pyro.simulation.voices import ProceduralSpeech
 from avssl_pyro.viz.contact_sheet import contact_sheet
 from avssl_pyro.viz.png import write_png
 
@@ -46,12 +41,7 @@ class SimulateOptions:
     """How many scenes."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
     """all-speak: two or three people, all talking; some-silent: two to four people, two or three of them talking."""
-    speech: Path | None = None
-    """Folder of speech files: WAV or FLAC, any rate."""
-    people: Path | None = None
-    """Folder of cut-outs of people: RGBA PNG, feet at the bottom."""
-    panoramas: Path | None = None
-    """Folder of rooms: equirectangular JPEG or PNG, twice as wide as high."""
+    material: Annotated[MaterialOptions, tyro.conf.arg(name="")] = field(default_factory=MaterialOptions)
     array: str = "circle246"
     """Microphones to render: a preset or a YAML file. circle246 can be read as circle2, circle4 or circle6 later."""
     seed: int = 0
@@ -112,9 +102,9 @@ def _simulator(options: SimulateOptions) -> SceneSimulator:
     return SceneSimulator(
         config=SceneConfig(condition=CONDITIONS[options.condition]),
         seed=options.seed,
-        speech=ProceduralSpeech() if options.speech is None else SpeechFolder(options.speech),
-        people=ProceduralPerson() if options.people is None else PeopleFolder(options.people),
-        panoramas=ProceduralRoom() if options.panoramas is None else PanoramaFolder(options.panoramas),
+        speech=options.material.speech_source(),
+        people=options.material.person_source(),
+        panoramas=options.material.panorama_source(),
         array=resolve_array(options.array),
     )
 

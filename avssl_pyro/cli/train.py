@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import torch
 import tyro
@@ -22,6 +22,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.divergence import TrainingDivergedError
 from avssl_pyro.inference.memory import keep_freed_memory
+from avssl_pyro.inference.pretrained import MOST_GENERAL, SHIPPED, load_shipped
 from avssl_pyro.inference.refined_targets import TargetConfig
 from avssl_pyro.inference.reporting import read_log
 from avssl_pyro.inference.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
@@ -44,9 +45,10 @@ class TrainOptions:
     (ctrl-C, or killed), the same command goes on where it stopped.
     """
 
-    preset: Literal["quick", "two-cores", "paper", "museum"] = "quick"
+    preset: Literal["quick", "two-cores", "paper", "museum", "adapt"] = "quick"
     """Where the defaults below come from: quick is a few minutes on two cores, two-cores an hour, paper the original
-    experiment (20000 scenes, 200 epochs), for a GPU; museum is its one on recordings, which prepare.py makes ready."""
+    experiment (20000 scenes, 200 epochs), for a GPU; museum is its one on recordings, which prepare.py makes ready;
+    adapt is a few minutes from the weights that come with the package to those of your recordings and your array."""
     out: Path = Path("runs/train")
     """Folder of the run: checkpoint, log, curves, TensorBoard events."""
     data: tuple[Path, ...] = ()
@@ -60,8 +62,9 @@ class TrainOptions:
     array: str = "circle6"
     """Microphone array: a preset (docs/arrays.md) or a YAML file; "data" is the array that the
     clips of --data were made with."""
-    start_from: Path | None = None
-    """Begin with the weights of this checkpoint, of the same networks and perhaps another array."""
+    start_from: Annotated[str | None, tyro.conf.arg(metavar="FILE|NAME")] = None
+    """Begin with the weights of this checkpoint, of the same networks and perhaps another array; circle2, circle4 and
+    circle6 are those that come with the package."""
     estimator: Literal["mean-field", "trace"] = "mean-field"
     """Pyro's ELBO estimator: TraceMeanField_ELBO (analytic KL) or Trace_ELBO."""
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -103,6 +106,14 @@ PRESETS: dict[str, TrainOptions] = {
         model=ModelConfig(num_sources=8, alpha=1.0, sigma=1.0, diffuse=0.1),
         optimization=OptimizationConfig(epochs=200, warmup_steps=0, final_learning_rate=1.0),
     ),
+    # A few minutes of a recording would spoil a visual network that has seen thousands of rooms.
+    "adapt": replace(
+        _FAST,
+        preset="adapt",
+        array=ARRAY_OF_DATA,
+        start_from=MOST_GENERAL,
+        optimization=OptimizationConfig(epochs=5, warmup_steps=20, freeze_visual=True),
+    ),
 }
 
 
@@ -139,7 +150,7 @@ def train_with(options: TrainOptions) -> None:
     torch.manual_seed(options.optimization.seed)
     system = build_system(SystemConfig(array, options.model, options.guide, options.stft))
     if options.start_from is not None:
-        start_from(system, load_checkpoint(options.start_from), str(options.start_from))
+        start_from(system, _start(options.start_from), options.start_from)
     estimator = ESTIMATORS[options.estimator]()
     try:
         train(system, dataset, options.optimization, options.out, fabric, estimator, options.targets)
@@ -148,6 +159,14 @@ def train_with(options: TrainOptions) -> None:
             draw_curves(options.out)
     if fabric.is_global_zero:
         print(f"{options.out / CHECKPOINT_NAME}: written.")
+
+
+def _start(file_or_name: str) -> System:
+    """A checkpoint by path, or shipped weights by name."""
+    path = Path(file_or_name)
+    if file_or_name in SHIPPED and not path.exists():
+        return load_shipped(file_or_name)
+    return load_checkpoint(path)
 
 
 def start_from(system: System, start: System, where: str) -> None:
@@ -212,7 +231,7 @@ def _claim_run(options: TrainOptions, array: MicrophoneArray, processes: int) ->
     settings = {
         "array": array.to_dict(),
         "data": [str(folder) for folder in options.data] or {"scenes": options.scenes, "condition": options.condition},
-        "start_from": None if options.start_from is None else str(options.start_from),
+        "start_from": options.start_from,
         "estimator": options.estimator,
         "precision": options.precision,
         "processes": processes,

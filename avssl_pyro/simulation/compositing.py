@@ -6,11 +6,34 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS
+from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_ROWS
 
-# Rendering at three times the resolution and averaging keeps edges smooth.
-OVERSAMPLING = 3
-PIXEL = 2 * np.pi / IMAGE_COLUMNS
+
+@dataclass(frozen=True)
+class View:
+    """An equirectangular image of all azimuths and of elevations as far up as down.
+
+    Args:
+        rows, columns: size in pixels.
+        oversampling: rendering at so many times the resolution and averaging keeps the edges of people smooth.
+    """
+
+    rows: int
+    columns: int
+    oversampling: int = 3
+
+    @property
+    def pixel(self) -> float:
+        """Radians."""
+        return 2 * np.pi / self.columns
+
+    @property
+    def max_elevation(self) -> float:
+        """Of the upper edge, radians."""
+        return self.rows * self.pixel / 2
+
+
+CLIP_VIEW = View(IMAGE_ROWS, IMAGE_COLUMNS)
 
 
 @dataclass(frozen=True)
@@ -30,13 +53,15 @@ class Standing:
 
 @dataclass(frozen=True)
 class Layer:
-    """What one person adds to the image, on the columns it touches.
+    """What one person adds to the image, on the rows and columns it touches.
 
     Args:
+        rows: image rows, I of them.
         columns_j: image columns, (J,), already wrapped at the seam.
-        rgba_ijc: premultiplied color and coverage, float32 in [0, 1], (88, J, 4).
+        rgba_ijc: premultiplied color and coverage, float32 in [0, 1], (I, J, 4).
     """
 
+    rows: slice
     columns_j: npt.NDArray[np.int64]
     rgba_ijc: npt.NDArray[np.float32]
 
@@ -66,7 +91,9 @@ def head_axis(cutout_ijc: npt.NDArray[np.uint8]) -> float:
     return float(np.average(np.arange(columns) + 0.5, weights=head_j))
 
 
-def project(cutout_ijc: npt.NDArray[np.uint8], standing: Standing, camera_height_m: float) -> Layer:
+def project(
+    cutout_ijc: npt.NDArray[np.uint8], standing: Standing, camera_height_m: float, view: View = CLIP_VIEW
+) -> Layer:
     """A cut-out as the camera sees it: a flat board upright on the floor, facing the camera.
 
     The ray at azimuth a meets the board's plane at the lateral offset ``d tan(a - azimuth)`` and at the distance
@@ -77,18 +104,24 @@ def project(cutout_ijc: npt.NDArray[np.uint8], standing: Standing, camera_height
         cutout_ijc: uint8 RGBA, (H, W, 4), feet at the bottom edge.
         standing: where the person stands.
         camera_height_m: above the floor.
+        view: what the camera's image shows.
     """
     rows, columns = cutout_ijc.shape[:2]
     metre = rows / standing.height_m
     axis = head_axis(cutout_ijc)
     left = float(np.arctan(axis / metre / standing.distance_m))
     right = float(np.arctan((columns - axis) / metre / standing.distance_m))
-    first = int(np.floor((np.pi - standing.azimuth - left) / PIXEL))
-    last = int(np.ceil((np.pi - standing.azimuth + right) / PIXEL))
-    fine = PIXEL / OVERSAMPLING
-    offset_j = np.pi - (first + (np.arange((last - first) * OVERSAMPLING) + 0.5) / OVERSAMPLING) * PIXEL
+    pixel, times = view.pixel, view.oversampling
+    first = int(np.floor((np.pi - standing.azimuth - left) / pixel))
+    last = int(np.ceil((np.pi - standing.azimuth + right) / pixel))
+    offset_j = np.pi - (first + (np.arange((last - first) * times) + 0.5) / times) * pixel
     offset_j = np.clip(offset_j - standing.azimuth, -0.499 * np.pi, 0.499 * np.pi)
-    elevation_i = np.deg2rad(IMAGE_MAX_ELEVATION_DEG) - (np.arange(IMAGE_ROWS * OVERSAMPLING) + 0.5) * fine
+    # Nothing of a body lies above its head or below its feet where they are nearest; a pixel to spare.
+    head = np.arctan2(max(standing.height_m - camera_height_m, 0.0), standing.distance_m)
+    feet = np.arctan2(-camera_height_m, standing.distance_m)
+    top = max(0, int(np.floor((view.max_elevation - head) / pixel)) - 2)
+    bottom = min(view.rows, int(np.ceil((view.max_elevation - feet) / pixel)) + 2)
+    elevation_i = view.max_elevation - (np.arange(top * times, bottom * times) + 0.5) * (pixel / times)
     height_ij = camera_height_m + standing.distance_m / np.cos(offset_j) * np.tan(elevation_i)[:, None]
     row_ij = ((standing.height_m - height_ij) * metre - 0.5).astype(np.float32)
     column_j = (axis - standing.distance_m * np.tan(offset_j) * metre - 0.5).astype(np.float32)
@@ -96,8 +129,9 @@ def project(cutout_ijc: npt.NDArray[np.uint8], standing: Standing, camera_height
     seen_ijc = cv2.remap(
         _premultiplied(cutout_ijc), column_ij, row_ij, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0
     )
-    rgba_ijc = cv2.resize(seen_ijc, (last - first, IMAGE_ROWS), interpolation=cv2.INTER_AREA)
-    return Layer(np.arange(first, last) % IMAGE_COLUMNS, np.asarray(rgba_ijc, dtype=np.float32))
+    if times > 1:
+        seen_ijc = cv2.resize(seen_ijc, (last - first, bottom - top), interpolation=cv2.INTER_AREA)
+    return Layer(slice(top, bottom), np.arange(first, last) % view.columns, np.asarray(seen_ijc, dtype=np.float32))
 
 
 def _premultiplied(cutout_ijc: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
@@ -124,11 +158,17 @@ def composite(
     visible_pij = np.zeros((len(places), IMAGE_ROWS, IMAGE_COLUMNS), dtype=np.float32)
     for person in sorted(range(len(places)), key=lambda index: -places[index].distance_m):
         layer = project(cutouts[person], places[person], camera_height_m)
-        color_ijc, cover_ij1 = 255 * layer.rgba_ijc[..., :3], layer.rgba_ijc[..., 3:]
-        canvas_ijc[:, layer.columns_j] = canvas_ijc[:, layer.columns_j] * (1 - cover_ij1) + color_ijc
-        visible_pij[:, :, layer.columns_j] *= 1 - cover_ij1[..., 0]
-        visible_pij[person][:, layer.columns_j] = cover_ij1[..., 0]
+        canvas_ijc[layer.rows, layer.columns_j] = blend(canvas_ijc, layer)
+        visible_pij[:, layer.rows, layer.columns_j] *= 1 - layer.rgba_ijc[..., 3]
+        visible_pij[person][layer.rows, layer.columns_j] = layer.rgba_ijc[..., 3]
     return Composite(np.clip(np.rint(canvas_ijc), 0, 255).astype(np.uint8), visible_pij)
+
+
+def blend(canvas_ijc: npt.NDArray[np.float32] | npt.NDArray[np.uint8], layer: Layer) -> npt.NDArray[np.float32]:
+    """The part of a canvas (0 to 255) that a layer touches, (I, J, 3), with the layer in front of it."""
+    below_ijc = canvas_ijc[layer.rows, layer.columns_j]
+    blended_ijc: npt.NDArray[np.float32] = below_ijc * (1 - layer.rgba_ijc[..., 3:]) + 255 * layer.rgba_ijc[..., :3]
+    return blended_ijc
 
 
 def relight(image_ijc: npt.NDArray[np.uint8], rng: np.random.Generator, strength: float = 1.0) -> npt.NDArray[np.uint8]:

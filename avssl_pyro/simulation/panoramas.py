@@ -61,6 +61,21 @@ def face(panorama_ijc: npt.NDArray[np.uint8], yaw: float) -> npt.NDArray[np.uint
     )
 
 
+def whole_sphere(panorama_ijc: npt.NDArray[np.uint8], yaw: float, columns: int) -> npt.NDArray[np.uint8]:
+    """The panorama turned left by ``yaw`` radians as a full sphere, (columns / 2, columns, 3).
+
+    Above and below a panorama of fewer elevations its edge is repeated.
+    """
+    rows_given, columns_given = panorama_ijc.shape[:2]
+    turned_ijc = np.roll(panorama_ijc, -round(yaw / (2 * np.pi) * columns_given), axis=1)
+    rows = round(rows_given * columns / columns_given)
+    way = cv2.INTER_AREA if columns < columns_given else cv2.INTER_CUBIC
+    resized_ijc = cv2.resize(turned_ijc, (columns, rows), interpolation=way)
+    above = (columns // 2 - rows) // 2
+    below = columns // 2 - rows - above
+    return np.asarray(cv2.copyMakeBorder(resized_ijc, above, below, 0, 0, cv2.BORDER_REPLICATE), dtype=np.uint8)
+
+
 @dataclass(frozen=True)
 class PanoramaFolder:
     """Panoramas from the equirectangular JPEG or PNG files found under a folder; each covers the full sphere, 2:1.

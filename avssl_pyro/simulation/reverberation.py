@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from math import ceil
 from threading import Lock
 
@@ -11,7 +12,9 @@ import pyroomacoustics as pra
 from scipy import fft
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.simulation.plane_waves import PlaneWaveReceiver, Waves
 
 ORDERS_PER_SECOND = 60.0
 FRACTIONAL_DELAY_TAPS = 41
@@ -52,8 +55,11 @@ def room_responses(
 ) -> npt.NDArray[np.float32]:
     """Responses from each source to each microphone of an array whose origin stands over the middle of the floor.
 
+    In free field every microphone has reflections of its own; other arrays hear plane waves, see
+    :mod:`avssl_pyro.simulation.plane_waves`.
+
     Args:
-        array: M microphones.
+        array: M microphones, or channels.
         sources_sx: sources (S, 3), metres, in the array's own axes (x forward, y left, z up from the array's origin).
         room_dims_m: length, width and height of the room.
         height_m: height of the array's origin above the floor.
@@ -63,7 +69,11 @@ def room_responses(
 
     Returns:
         Responses (S, M, L), float32, 16 kHz, padded with zeros to the longest. All lag by the half length of
-        the fractional delay filters (20 samples) and decay with 1 / distance in metres.
+        the fractional delay filters (20 samples; for plane waves, that of the array's responses) and decay with
+        1 / distance in metres.
+
+    Raises:
+        InputError: the array's responses are measured ones.
     """
     absorption, _ = pra.inverse_sabine(rt60_s, room_dims_m)
     order = truncation_order(rt60_s) if max_order is None else max_order
@@ -72,17 +82,53 @@ def room_responses(
     centre = np.array([room_dims_m[0] / 2, room_dims_m[1] / 2, height_m])
     cos, sin = np.cos(room_yaw), np.sin(room_yaw)
     to_room = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    room.add_microphone_array((array.positions @ to_room.T + centre).T)
+    is_open = array.steering == FreeFieldKind()
+    room.add_microphone_array((array.positions @ to_room.T + centre).T if is_open else centre[:, None])
     for position in sources_sx @ to_room.T + centre:
         room.add_source(position)
+    per_source = _at_points(room) if is_open else _at_receiver(room, _receiver(array), centre, to_room)
+    longest = max((response_ml.shape[1] for response_ml in per_source), default=0)
+    responses_sml = np.zeros((len(sources_sx), array.num_microphones, longest), dtype=np.float32)
+    for s, response_ml in enumerate(per_source):
+        responses_sml[s, :, : response_ml.shape[1]] = response_ml
+    return responses_sml
+
+
+def _at_points(room: pra.ShoeBox) -> list[npt.NDArray[np.float32]]:
+    """Responses (M, L) of each source, one microphone at a time."""
     with _rendering_constants():
         room.compute_rir()
-    longest = max(len(response) for per_source in room.rir for response in per_source)
-    responses_sml = np.zeros((len(sources_sx), array.num_microphones, longest), dtype=np.float32)
-    for m, per_source in enumerate(room.rir):
-        for s, response in enumerate(per_source):
-            responses_sml[s, m, : len(response)] = response
-    return responses_sml
+    responses = []
+    for per_microphone in zip(*room.rir, strict=True):
+        longest = max(len(response) for response in per_microphone)
+        padded = [np.pad(response, (0, longest - len(response))) for response in per_microphone]
+        responses.append(np.array(padded, dtype=np.float32))
+    return responses
+
+
+def _at_receiver(
+    room: pra.ShoeBox,
+    receiver: PlaneWaveReceiver,
+    centre: npt.NDArray[np.float64],
+    to_room: npt.NDArray[np.float64],
+) -> list[npt.NDArray[np.float32]]:
+    """Responses (M, L) of each source, one reflection at a time."""
+    room.image_source_model()
+    responses = []
+    for source in room.sources:
+        offset_kx = (source.images.T.astype(np.float64) - centre) @ to_room
+        distance_k = np.linalg.norm(offset_kx, axis=-1)
+        order_k = np.argsort(distance_k, kind="stable")
+        offset_kx, distance_k, damping_k = offset_kx[order_k], distance_k[order_k], source.damping[0, order_k]
+        waves = Waves(offset_kx / distance_k[:, None], distance_k / room.c, damping_k / distance_k)
+        responses.append(receiver.responses(waves))
+    return responses
+
+
+# Tables of responses are kept for the next scene.
+@lru_cache(maxsize=2)
+def _receiver(array: MicrophoneArray) -> PlaneWaveReceiver:
+    return PlaneWaveReceiver(array)
 
 
 @contextmanager

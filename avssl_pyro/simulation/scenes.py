@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
+from avssl_pyro.acoustics.steering_kinds import MeasuredKind
 from avssl_pyro.data.clip import SAMPLE_RATE, Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.compositing import Composite, composite, relight
@@ -86,11 +86,7 @@ class SceneSimulator:
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise InputError(f"the seed is {self.seed}; it must be 0 or more.")
-        if self.array.steering != FreeFieldKind():
-            raise InputError(
-                f"array '{self.array.name}' hears {self.array.steering.phrase}, but rooms are simulated for "
-                "microphones in free field only; give recordings of this array instead."
-            )
+        check_known_all_around(self.array)
 
     def render(self, index: int) -> Scene:
         """Renders scene ``index``.
@@ -178,6 +174,19 @@ class SceneSimulator:
         peak = 10 ** (rng.uniform(*self.config.peak_range_db) / 20)
         mixture_mn *= np.float32(peak / max(float(np.abs(mixture_mn).max()), MIN_POWER))
         return mixture_mn
+
+
+def check_known_all_around(array: MicrophoneArray) -> None:
+    """Refuses an array for which rooms cannot be simulated.
+
+    Raises:
+        InputError: its responses were measured, in horizontal directions only.
+    """
+    if isinstance(array.steering, MeasuredKind):
+        raise InputError(
+            f"array '{array.name}' hears {array.steering.phrase}, in horizontal directions alone, but a room reflects "
+            "sound from above and below; give recordings of this array instead."
+        )
 
 
 def _power(audio_mn: npt.NDArray[np.float32]) -> float:

@@ -12,6 +12,7 @@ import torch
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.train import main, parse
 from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.inference.pretrained import load_shipped
 from avssl_pyro.inference.training import CHECKPOINT_NAME
 
 SMALL = ["--guide.visual-channels", "4", "8", "--guide.audio-channels", "8", "--optimization.batch-size", "4"]
@@ -30,12 +31,31 @@ def test_a_preset_gives_defaults_that_options_override() -> None:
     assert paper.model.num_directions == 72
 
 
+def test_shipped_weights_are_adapted_to_another_array_by_their_name(scene_folder: Path, tmp_path: Path) -> None:
+    few = ["--optimization.epochs", "1", "--optimization.batch-size", "4"]
+    main(["--preset", "adapt", "--data", str(scene_folder), "--array", "circle2", "--out", str(tmp_path), *few])
+    adapted, shipped = load_checkpoint(tmp_path / CHECKPOINT_NAME), load_shipped("circle6")
+    assert adapted.config.array.name == "circle2"
+    before = shipped.guide.state_dict()
+    same = {name: value.equal(before[name]) for name, value in adapted.guide.state_dict().items()}
+    assert all(equal for name, equal in same.items() if name.startswith("visual."))
+    assert not all(same.values())
+
+
 def test_help_explains_every_preset_and_option(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as exit_info:
         main(["--help"])
     assert exit_info.value.code == 0
     text = capsys.readouterr().out
-    for word in ("quick", "two-cores", "paper", "--optimization.learning-rate", "--model.alpha", "concentration"):
+    for word in (
+        "quick",
+        "two-cores",
+        "paper",
+        "adapt",
+        "--optimization.learning-rate",
+        "--model.alpha",
+        "concentration",
+    ):
         assert word in text
 
 

@@ -111,10 +111,17 @@ def test_a_checkpoint_without_its_measured_responses_is_damaged(
         load_checkpoint(path)
 
 
-@pytest.mark.parametrize("name", ["starss23-mic", "starss23-foa", "eigenmike32"])
-def test_rooms_are_not_simulated_for_arrays_that_scatter_or_encode(name: str) -> None:
-    with pytest.raises(InputError, match=rf"array '{name}' hears .* free field only; give recordings"):
-        SceneSimulator(array=PRESETS[name])
+def test_rooms_are_not_simulated_for_measured_responses(write_sofa: Callable[..., Path]) -> None:
+    steering = MeasuredKind.read(write_sofa(PRESETS["circle2"], np.arange(0.0, 360.0, 10.0)))
+    with pytest.raises(InputError, match=r"array 'measured' hears .* from above and below; give recordings"):
+        SceneSimulator(array=MicrophoneArray("measured", steering=steering))
+
+
+@pytest.mark.parametrize("name", ["starss23-mic", "starss23-foa"])
+def test_scenes_are_made_for_arrays_that_scatter_or_encode(name: str) -> None:
+    audio_mn = SceneSimulator(array=PRESETS[name]).render(0).clip.audio_mn
+    assert audio_mn.shape == (4, 16_000)
+    assert 0.2 < np.abs(audio_mn).max() < 1.0
 
 
 def test_thirty_two_capsules_have_a_likelihood_in_single_precision() -> None:

@@ -26,11 +26,15 @@ def check_camera(
     if len(sounding) < LEAST_CLIPS:
         found = f"cannot tell how the camera is turned from {len(sounding)} clips: {LEAST_CLIPS} are needed"
         return (Finding(CHECK, Severity.NOTE, found, 0.5, "give a longer recording"),)
+    return judge(orientation_search(system).search(sounding, progress), system.config.array, given)
+
+
+def orientation_search(system: System) -> OrientationSearch:
+    """The search by a trained system."""
     config = system.config
-    search = OrientationSearch(
+    return OrientationSearch(
         system.guide, template_covariances(config.steering()), config.stft, config.model.diffuse, config.model.sigma
     )
-    return judge(search.search(sounding, progress), config.array, given)
 
 
 def judge(orientation: Orientation, array: MicrophoneArray, given: Turn = AS_IT_IS) -> tuple[Finding, ...]:

@@ -1,0 +1,156 @@
+"""Simulates whole 360-degree recordings in the format of STARSS23, to try everything without owning a robot."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+import numpy.typing as npt
+import soundfile
+import tyro
+from scipy.signal import resample_poly
+from tqdm import tqdm
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.acoustics.steering_kinds import AmbisonicsKind
+from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.cli.material import MaterialOptions
+from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.data.dcase import write_dcase
+from avssl_pyro.errors import InputError
+from avssl_pyro.simulation.film import Camera
+from avssl_pyro.simulation.moving_people import MovingPeopleConfig
+from avssl_pyro.simulation.recordings import RecordingSimulator, SimulatedRecording
+from avssl_pyro.viz.video_writer import open_video
+
+FRAME_RATE = 30_000 / 1001
+# STARSS23's own folds of these splits.
+FOLDS = {"dev-train": 3, "dev-test": 4}
+SOURCE = "simulated"
+
+
+@dataclass(frozen=True)
+class SimulateRecordingOptions:
+    """Simulate 360-degree recordings with labels: a room, people who walk, stand, talk and keep silent.
+
+    Written are mic_dev (or foa_dev), video_dev and metadata_dev as in STARSS23, which prepare.py --starss reads.
+    Without
+    --speech, --people or --panoramas, material made in code stands in for what is missing.
+    """
+
+    out: Path
+    """Folder to write to; recordings of other seeds may be there already."""
+    seconds: float = 60.0
+    """Length of a recording."""
+    recordings: int = 1
+    """How many recordings."""
+    array: str = "starss23-mic"
+    """Microphones: a preset or a YAML file (docs/arrays.md), of any kind but measured responses."""
+    seed: int = 0
+    """Same seed, same sound and labels. It is the number of the room in the names of the files."""
+    split: Literal["dev-train", "dev-test"] = "dev-test"
+    """Where it belongs."""
+    material: Annotated[MaterialOptions, tyro.conf.arg(name="")] = field(default_factory=MaterialOptions)
+    width: int = 1920
+    """Columns of the video, which is half as high; a multiple of four."""
+    frame_rate: float = FRAME_RATE
+    """Frames of the video per second."""
+    sample_rate: int = 24_000
+    """Of the audio, hertz; voices go up to 8 kHz."""
+    yaw: float = 0.0
+    """Azimuth, in degrees seen from the array, of what the middle of the picture shows."""
+    mirror: bool = False
+    """Show left and right exchanged."""
+
+
+def main(args: Sequence[str] | None = None) -> None:
+    """Runs the command with ``args`` (by default those of the process).
+
+    Raises:
+        InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
+    """
+    options = tyro.cli(SimulateRecordingOptions, args=args)
+    _check(options)
+    simulator = _simulator(options)
+    for source in (simulator.speech, simulator.people, simulator.panoramas):
+        print(f"from {source.describe()}")
+    for index in range(options.recordings):
+        name = f"fold{FOLDS[options.split]}_room{options.seed}_mix{index + 1:03d}"
+        audio, labels, video = _paths(options, simulator.array, name)
+        recording = simulator.draw(index)
+        _write_audio(audio, recording, options.sample_rate)
+        write_dcase(labels, recording.labels)
+        _write_video(video, recording, options)
+        talking = int(recording.voices.sounding_st.any(axis=1).sum())
+        print(f"{audio}: {len(recording.people.distances_s)} people, {talking} of them talk.")
+
+
+def _check(options: SimulateRecordingOptions) -> None:
+    if options.recordings < 1 or options.recordings > 999:
+        raise InputError(f"--recordings is {options.recordings}; give a number from 1 to 999.")
+    if not 1.0 <= options.seconds <= 3600.0:
+        raise InputError(f"--seconds is {options.seconds:g}; give a length from 1 to 3600.")
+    if options.width < 288 or options.width % 4:
+        raise InputError(f"--width is {options.width}; give a multiple of four of at least 288.")
+    if not 1.0 <= options.frame_rate <= 120.0:
+        raise InputError(f"--frame-rate is {options.frame_rate:g}; give one from 1 to 120.")
+    if not 8_000 <= options.sample_rate <= 192_000:
+        raise InputError(f"--sample-rate is {options.sample_rate}; give hertz, from 8000 to 192000.")
+    if options.seed < 0:
+        raise InputError(f"--seed is {options.seed}; give a number of at least 0.")
+    if not np.isfinite(options.yaw):
+        raise InputError(f"--yaw is {options.yaw}; give degrees.")
+
+
+def _simulator(options: SimulateRecordingOptions) -> RecordingSimulator:
+    config = MovingPeopleConfig()
+    # Whole frames of the labels.
+    seconds = round(options.seconds, 1)
+    return RecordingSimulator(
+        config=replace(config, walks=replace(config.walks, seconds=seconds)),
+        seed=options.seed,
+        array=resolve_array(options.array),
+        camera=Camera(options.width, float(np.deg2rad(options.yaw)), options.mirror),
+        speech=options.material.speech_source(),
+        people=options.material.person_source(),
+        panoramas=options.material.panorama_source(),
+    )
+
+
+def _paths(options: SimulateRecordingOptions, array: MicrophoneArray, name: str) -> tuple[Path, Path, Path]:
+    """Of audio, labels and video, as STARSS23 has them."""
+    audio_format = "foa" if isinstance(array.steering, AmbisonicsKind) else "mic"
+    split = f"{options.split}-{SOURCE}"
+    paths = (
+        options.out / f"{audio_format}_dev" / split / f"{name}.wav",
+        options.out / "metadata_dev" / split / f"{name}.csv",
+        options.out / "video_dev" / split / f"{name}.mp4",
+    )
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    return paths
+
+
+def _write_audio(path: Path, recording: SimulatedRecording, rate: int) -> None:
+    """16 bit, on the channels that the array's file says, others silent."""
+    array = recording.simulator.array
+    audio_mn: npt.NDArray[np.float32] = recording.record()
+    if rate != SAMPLE_RATE:
+        divisor = int(np.gcd(rate, SAMPLE_RATE))
+        audio_mn = resample_poly(audio_mn, rate // divisor, SAMPLE_RATE // divisor, axis=-1)
+    channels_cn = np.zeros((max(array.channel_indices) + 1, audio_mn.shape[1]), dtype=np.float32)
+    channels_cn[list(array.channel_indices)] = audio_mn
+    buffer = io.BytesIO()
+    soundfile.write(buffer, channels_cn.T, rate, format="WAV", subtype="PCM_16")
+    write_atomically(path, buffer.getvalue())
+
+
+def _write_video(path: Path, recording: SimulatedRecording, options: SimulateRecordingOptions) -> None:
+    film, rate = recording.film(), options.frame_rate
+    seconds = recording.voices.sounding_st.shape[1] / 10
+    with open_video(path, options.width, options.width // 2, rate) as writer:
+        for number in tqdm(range(round(seconds * rate)), unit="frame", desc=path.stem):
+            writer.write(film.frame_at(number / rate), number / rate)

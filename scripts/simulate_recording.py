@@ -1,0 +1,7 @@
+"""Simulates whole 360-degree recordings with labels; see --help."""
+
+from avssl_pyro.cli.command import run
+from avssl_pyro.cli.simulate_recording import main
+
+if __name__ == "__main__":
+    run(main)
