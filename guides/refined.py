@@ -47,7 +47,7 @@ class RefinementConfig:
 
     rounds: int = 30
     tolerance: float = 1e-4
-    softening: float = 0.6
+    softening: float = 0.8
     prior_sigma: float = 1.0
     image_weight: float = 0.0
     alpha: float = 0.01
