@@ -39,6 +39,8 @@ class TrackBenchmarkOptions:
     """Array that hears them: a preset or a YAML file."""
     classes: int = 5
     """Source classes of the model that localizes what is heard, one of them for noise."""
+    rounds: int = 90
+    """Most rounds of refinement of what is heard; without a picture to start from it takes many."""
     audio: MovingAudioConfig = field(default_factory=MovingAudioConfig)
     tolerance_deg: float = 10.0
     """Largest error that counts as correct."""
@@ -67,7 +69,7 @@ def _simulated(options: TrackBenchmarkOptions) -> SimulatedRecordings:
 def _heard(options: TrackBenchmarkOptions) -> HeardRecordings:
     system = build_system(SystemConfig(resolve_array(options.array), ModelConfig(num_sources=options.classes)))
     start = BlindStart(options.classes, system.config.grid)
-    localizer = Localizer(system, refinement=system.refinement(softening=1.0), start=start)
+    localizer = Localizer(system, refinement=system.refinement(rounds=options.rounds, softening=1.0), start=start)
     return HeardRecordings(
         localizer, talkers=options.talkers, audio=options.audio, count=options.recordings, seed=options.seed
     )
