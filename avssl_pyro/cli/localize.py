@@ -1,5 +1,6 @@
 """Localizes the sounding objects of clips, or of a whole recording, with a trained system."""
 
+import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -19,7 +20,7 @@ from avssl_pyro.data.csv_table import read_csv_table
 from avssl_pyro.data.files import read_clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.localization import SourceThresholds, select_sources
+from avssl_pyro.inference.localization import ONE_PASS_THRESHOLDS, SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.result import result_dict
 from avssl_pyro.viz.overlay import save_overlay
@@ -48,6 +49,7 @@ class LocalizeOptions:
     """Most rounds of refinement, closed-form ascent that fits the posterior to a clip; 0 is the networks' answer,
     faster and much less accurate."""
     thresholds: SourceThresholds = field(default_factory=SourceThresholds)
+    """When a source class counts as a source; the defaults are higher with --rounds 0."""
     device: str = "cpu"
     """Torch device."""
     recording: Annotated[RecordingOptions, tyro.conf.arg(name="")] = field(default_factory=RecordingOptions)
@@ -60,6 +62,15 @@ class _Input:
     audio: Path
 
 
+def parse(args: Sequence[str] | None = None) -> LocalizeOptions:
+    """Options of the command line; the default thresholds are those of refined posteriors or of one forward pass."""
+    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    first.add_argument("--rounds")
+    one_pass = first.parse_known_args(args)[0].rounds == "0"
+    thresholds = ONE_PASS_THRESHOLDS if one_pass else SourceThresholds()
+    return tyro.cli(LocalizeOptions, default=LocalizeOptions(tyro.MISSING, thresholds=thresholds), args=args)
+
+
 def main(args: Sequence[str] | None = None) -> int | None:
     """Runs the command with ``args`` (by default those of the process).
 
@@ -69,7 +80,7 @@ def main(args: Sequence[str] | None = None) -> int | None:
     Raises:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`; no output is written then.
     """
-    options = tyro.cli(LocalizeOptions, args=args)
+    options = parse(args)
     whole = options.recording.video is not None
     inputs = [] if whole else _inputs(options)
     system, array = choose_system(options.checkpoint, options.array)

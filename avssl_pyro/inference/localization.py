@@ -53,6 +53,10 @@ class SourceThresholds:
             raise InputError(f"SourceThresholds: merge_deg is {self.merge_deg}; it must be from 0 to 180.")
 
 
+# For posteriors of one forward pass, whose levels and peaks tell less of who is silent.
+ONE_PASS_THRESHOLDS = SourceThresholds(level=0.08, peak=0.3)
+
+
 @dataclass(frozen=True)
 class LocalizedSource:
     """One sounding object; angles in radians.

@@ -12,7 +12,7 @@ from scipy.signal import resample_poly
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.cli.localize import main
+from avssl_pyro.cli.localize import main, parse
 from avssl_pyro.data.dataset import SceneDataset
 
 ARRAY = PRESETS["circle4"]
@@ -53,6 +53,14 @@ def test_the_result_is_documented_and_the_overlay_a_picture(
     picture = cv2.imread(str(overlay))
     assert picture is not None
     assert picture.shape[1] >= 1152
+
+
+def test_one_pass_must_be_surer_to_name_a_source_than_a_refined_answer() -> None:
+    refined, one_pass = parse(["--out", "x"]).thresholds, parse(["--out", "x", "--rounds", "0"]).thresholds
+    assert one_pass.level > refined.level
+    assert one_pass.peak > refined.peak
+    given = parse(["--out", "x", "--rounds", "0", "--thresholds.peak", "0.1"]).thresholds
+    assert (given.level, given.peak) == (one_pass.level, 0.1)
 
 
 def test_another_rate_and_a_full_sphere_give_the_same_sources(
