@@ -11,7 +11,7 @@ from avssl_pyro.atomic_file import remove_temporaries, write_atomically
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.cell import Cell, cell_from_dict, cell_to_dict
 
-FORMAT = "avssl-cell/2"
+FORMAT = "avssl-cell/3"
 
 
 @dataclass(frozen=True)
