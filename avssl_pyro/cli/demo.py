@@ -1,7 +1,7 @@
 """The whole method in ten minutes: scenes, training without labels, evaluation, pictures."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import tyro
@@ -33,7 +33,7 @@ class DemoOptions:
     """Scenes to tune thresholds on."""
     overlays: int = 6
     """Pictures to draw, of the first test scenes."""
-    optimization: OptimizationConfig = field(default_factory=OptimizationConfig)
+    optimization: OptimizationConfig = PRESETS["quick"].optimization
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -92,7 +92,7 @@ _FAST = TrainOptions(
     targets=TargetConfig(weight=0.03, level_weight=4.0),
 )
 PRESETS: dict[str, TrainOptions] = {
-    "quick": _FAST,
+    "quick": replace(_FAST, optimization=OptimizationConfig(epochs=3)),
     "two-cores": replace(_FAST, preset="two-cores", scenes=16_000, optimization=OptimizationConfig(epochs=4)),
     "paper": TrainOptions(
         preset="paper",
