@@ -25,7 +25,7 @@ class CameraTrial:
         index: of the recording.
         yaw_deg, mirror: of its camera.
         found_yaw_deg, found_mirror: what fits best.
-        confidence: share of bootstrap resamples that agree.
+        confidence: of the yaw, as the search tells it.
         told: whether the doctor tells it, rather than that it cannot tell.
     """
 

@@ -42,19 +42,23 @@ def judge(orientation: Orientation, array: MicrophoneArray, given: Turn = AS_IT_
     if is_mirror_blind(array):
         found = "cannot tell whether the picture is mirrored or turned: both sides of this array sound alike"
         return (Finding(CHECK, Severity.NOTE, found, 1.0, "compare camera and array by eye"),)
-    yaw_deg, confidence = orientation.yaw_deg, orientation.yaw_confidence
+    best, confidence = Turn(orientation.mirror, orientation.yaw_deg), orientation.yaw_confidence
     if confidence < LEAST_CONFIDENCE:
-        found = f"cannot tell how the camera is turned; {_turned(orientation)} fits best, but hardly better than others"
-        advice = "give a longer recording with people who talk and move, or a model that knows such pictures"
+        rival = _turned(orientation.rival)
+        found = f"cannot tell how the camera is turned: {_turned(best)} fits best, but {rival} nearly as well"
+        advice = (
+            "record a minute with somebody who walks around the array and talks (two who stand still sound right in a "
+            "mirrored picture too), or take a model that knows such pictures"
+        )
         return (Finding(CHECK, Severity.NOTE, found, confidence, advice),)
-    if not orientation.mirror and abs(yaw_deg) <= TOLERATED_DEG:
+    if not best.mirror and abs(best.yaw_deg) <= TOLERATED_DEG:
         return (Finding(CHECK, Severity.OK, "picture and sound agree: neither turned nor mirrored", confidence),)
-    found = f"the picture is {_turned(orientation)} against the array"
-    whole = given.then(Turn(orientation.mirror, yaw_deg))
+    found = f"the picture is {_turned(best)} against the array"
+    whole = given.then(best)
     advice = f"read the recording with a yaw of {whole.yaw_deg:.0f} deg, {'' if whole.mirror else 'not '}mirrored"
     return (Finding(CHECK, Severity.WARNING, found, confidence, advice),)
 
 
-def _turned(orientation: Orientation) -> str:
-    turned = f"turned by {orientation.yaw_deg:+.0f} deg"
-    return f"mirrored and {turned}" if orientation.mirror else turned
+def _turned(turn: Turn) -> str:
+    turned = f"turned by {turn.yaw_deg:+.0f} deg"
+    return f"mirrored and {turned}" if turn.mirror else turned

@@ -6,10 +6,16 @@ agrees with what the microphones hear: the one with the highest evidence lower b
     max over pi of log p(x | w, pi) - KL(q(w | picture) || p(w)),    w = exp(mu) of the network,
 
 that is, with the levels where a few rounds of EM put them. Sums over clips are compared.
+
+Bootstrap resamples of the clips tell whether other seconds might decide otherwise, but not what is the same in every
+second: where nobody who talks moves, the picture that is mirrored and turned so that two talkers change places agrees
+with the sound as well, and small errors of the network decide, always in the same way. So the best turn has to be
+ahead of its rival by more than such errors, which grow with its lead over the median turn.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Protocol
 
 import numpy as np
@@ -29,6 +35,8 @@ from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, comp
 COARSE_DEG, FINE_DEG = 15.0, 5.0
 # Turns this close to the best are not its rivals: a talker is as wide.
 NEAR_DEG = 12.5
+# Standard deviation of the error of a lead, as a share of the lead over the median turn, however many clips there are.
+MODEL_ERROR = 0.08
 EM_ROUNDS = 5
 BIN_STEP, FRAME_STEP = 4, 4
 RESAMPLES = 1000
@@ -63,9 +71,11 @@ class Orientation:
     Args:
         yaw_deg: azimuth, seen from the array, of what the centre of the picture shows, -180 to 180.
         mirror: left and right are exchanged in the picture.
-        yaw_confidence: share of bootstrap resamples of the clips whose best turn is near this one (and as mirrored).
-        mirror_confidence: share of resamples whose best turn is as mirrored as this one.
+        yaw_confidence: share of bootstrap resamples of the clips whose best turn is near this one (and as mirrored),
+            times the chance that the model's errors leave it ahead of its rival.
+        mirror_confidence: the same for turns that are as mirrored as this one.
         gain_over_given: log evidence over that of the pictures as they are, nats per clip.
+        rival: the turn that fits best of those that are not near this one.
     """
 
     yaw_deg: float
@@ -73,6 +83,7 @@ class Orientation:
     yaw_confidence: float
     mirror_confidence: float
     gain_over_given: float
+    rival: Turn
 
 
 class OrientationSearch:
@@ -154,19 +165,33 @@ def conclude(turns: Sequence[Turn], evidence_bh: npt.NDArray[np.float64]) -> Ori
     yaw_h = np.array([turn.yaw_deg for turn in turns])
     total_h = evidence_bh.sum(axis=0)
     best = int(total_h.argmax())
-    near_h = (mirror_h == mirror_h[best]) & (np.abs(_wrap_deg(yaw_h - yaw_h[best])) <= NEAR_DEG)
+    as_mirrored_h = mirror_h == mirror_h[best]
+    near_h = as_mirrored_h & (np.abs(_wrap_deg(yaw_h - yaw_h[best])) <= NEAR_DEG)
     draws = np.random.default_rng(0).integers(0, len(evidence_bh), (RESAMPLES, len(evidence_bh)))
     winner_s = evidence_bh[draws].sum(axis=1).argmax(axis=1)
     given_h = (~mirror_h) & (yaw_h == 0)
-    # As in all bootstraps of few samples, certainty is bounded by their number.
-    most = 1 - 1 / (len(evidence_bh) + 2) ** 2
+    rival = int(np.where(near_h, -np.inf, total_h).argmax())
     return Orientation(
         yaw_deg=float(_wrap_deg(yaw_h[best] + _parabola(yaw_h, mirror_h, total_h, best))),
         mirror=bool(mirror_h[best]),
-        yaw_confidence=float(near_h[winner_s].mean()) * most,
-        mirror_confidence=float((mirror_h[winner_s] == mirror_h[best]).mean()) * most,
+        yaw_confidence=_confidence(near_h, evidence_bh, winner_s),
+        mirror_confidence=_confidence(as_mirrored_h, evidence_bh, winner_s),
         gain_over_given=float((total_h[best] - total_h[given_h].max()) / len(evidence_bh)) if given_h.any() else 0.0,
+        rival=turns[rival],
     )
+
+
+def _confidence(
+    alike_h: npt.NDArray[np.bool_], evidence_bh: npt.NDArray[np.float64], winner_s: npt.NDArray[np.intp]
+) -> float:
+    """Of the turns that are alike, with the best one among them."""
+    total_h = evidence_bh.sum(axis=0)
+    lead = float(total_h[alike_h].max() - total_h[~alike_h].max())
+    error = MODEL_ERROR * float(total_h.max() - np.median(total_h))
+    # As in all bootstraps of few samples, certainty is bounded by their number.
+    most = 1 - 1 / (len(evidence_bh) + 2) ** 2
+    share = float(alike_h[winner_s].mean()) * most
+    return share * (NormalDist().cdf(lead / error) if error > 0 else 0.5)
 
 
 def _parabola(

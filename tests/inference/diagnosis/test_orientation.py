@@ -32,8 +32,12 @@ class MarksColors:
 
 
 def scene(rng: np.random.Generator, number: int) -> Clip:
-    """Talkers of sparse noise in free field, each behind a coloured bar; one bar more is somebody silent."""
-    azimuths = rng.permutation(8)[:3] * np.pi / 4 + rng.uniform(0, 0.3) - np.pi
+    """Two talkers and somebody silent, anywhere."""
+    return talk(rng, number, rng.permutation(8)[:3] * np.pi / 4 + rng.uniform(0, 0.3) - np.pi)
+
+
+def talk(rng: np.random.Generator, number: int, azimuths: npt.NDArray[np.float64]) -> Clip:
+    """Talkers of sparse noise in free field, each behind a coloured bar; a third bar is somebody silent."""
     frequencies = np.fft.rfftfreq(NUM_SAMPLES, 1 / 16_000)
     audio_mn = 0.003 * rng.standard_normal((4, NUM_SAMPLES))
     image_ijc = np.full((88, 288, 3), 128, np.uint8)
@@ -74,6 +78,33 @@ def test_yaw_and_mirror_are_found(yaw_deg: float, mirror: bool) -> None:
     assert (" deg, mirrored" in finding.advice) == mirror
 
 
+@pytest.mark.parametrize("walks", [False, True])
+def test_two_talkers_who_stand_still_cannot_tell_a_mirror(walks: bool) -> None:
+    rng = np.random.default_rng(4)
+    steps_b = np.arange(NUM_CLIPS) * (np.pi / 6 if walks else 0)
+    clips = [talk(rng, number, np.array([-2.5 + step, 1.0])) for number, step in enumerate(steps_b)]
+    found = searcher().search([seen_by(clip, 37.5, False) for clip in clips])
+    (finding,) = judge(found, ARRAY)
+    if walks:
+        assert (finding.severity, found.mirror) == (Severity.WARNING, False)
+        assert found.yaw_deg == pytest.approx(37.5, abs=4)
+        return
+    assert found.mirror_confidence < 0.9
+    assert finding.severity == Severity.NOTE
+    assert found.rival.mirror != found.mirror
+    assert "walks around" in finding.advice
+
+
+def test_certainty_does_not_come_from_many_clips_alone() -> None:
+    rng = np.random.default_rng(3)
+    turns, evidence_bh = table(rng, gain=1000.0)
+    evidence_bh[:, turns.index(Turn(False, -100.0))] += 970.0
+    close = conclude(turns, evidence_bh)
+    assert (close.mirror, close.rival) == (True, Turn(False, -100.0))
+    assert 0.5 < close.yaw_confidence < 0.8
+    assert 0.5 < close.mirror_confidence < 0.8
+
+
 @pytest.mark.parametrize("later", [Turn(False, 35.0), Turn(True, -20.0)])
 @pytest.mark.parametrize("first", [Turn(False, 120.0), Turn(True, 70.0)])
 def test_turns_add_up(first: Turn, later: Turn) -> None:
@@ -112,6 +143,6 @@ def test_confidence_is_that_of_the_evidence() -> None:
 
 
 def test_a_line_of_microphones_cannot_tell() -> None:
-    (finding,) = judge(Orientation(90.0, True, 1.0, 1.0, 100.0), PRESETS["circle2"])
+    (finding,) = judge(Orientation(90.0, True, 1.0, 1.0, 100.0, Turn(False, 0.0)), PRESETS["circle2"])
     assert finding.severity == Severity.NOTE
     assert "both sides of this array sound alike" in finding.message
