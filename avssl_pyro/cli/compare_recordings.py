@@ -63,7 +63,7 @@ class CompareRecordingsOptions:
     """Array that recorded them: a preset or a YAML file."""
     classes: int = 9
     """Source classes of the model, one of them for noise."""
-    rounds: int = 90
+    rounds: int = 120
     """Most rounds of refinement."""
     pause_db: float = 20.0
     """Frames so far below the loudest of a recording are pauses, and not explained."""
