@@ -29,7 +29,8 @@ LAYERS = [
     {"cli"},
 ]
 # Within a layer.
-PEERS = {("data", "simulation"), ("simulation", "data.clip"), ("inference", "data")}
+# A simulation gives what data are made of: clips, and labels of recordings.
+PEERS = {("data", "simulation"), ("simulation", "data.clip"), ("simulation", "data.dcase"), ("inference", "data")}
 
 
 def python_files() -> Iterator[tuple[str, Path]]:
