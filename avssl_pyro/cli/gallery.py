@@ -12,7 +12,7 @@ import tyro
 from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.localization import SourceThresholds, select_sources
+from avssl_pyro.inference.localization import REFINED_THRESHOLDS, select_sources
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.pretrained import MOST_GENERAL
 from avssl_pyro.inference.system import System
@@ -99,6 +99,6 @@ def overlay_of(localizer: Localizer, dataset: SceneDataset, index: int) -> npt.N
     """What the posterior says of a labelled scene, with its true azimuths, RGB."""
     clip, grid = dataset[index], localizer.config.grid
     (posterior,) = localizer.posteriors([clip])
-    sources = select_sources(posterior, grid, SourceThresholds())
+    sources = select_sources(posterior, grid, REFINED_THRESHOLDS)
     truth = np.array(dataset.labels(index).talker_azimuths)
     return draw_overlay(clip.image_ijc, posterior, sources, grid, truth=truth)

@@ -20,7 +20,12 @@ from avssl_pyro.data.csv_table import read_csv_table
 from avssl_pyro.data.files import read_clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.localization import ONE_PASS_THRESHOLDS, SourceThresholds, select_sources
+from avssl_pyro.inference.localization import (
+    ONE_PASS_THRESHOLDS,
+    REFINED_THRESHOLDS,
+    SourceThresholds,
+    select_sources,
+)
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.result import result_dict
 from avssl_pyro.viz.overlay import save_overlay
@@ -48,7 +53,7 @@ class LocalizeOptions:
     rounds: int = RefinementConfig.rounds
     """Most rounds of refinement, closed-form ascent that fits the posterior to a clip; 0 is the networks' answer,
     faster and much less accurate."""
-    thresholds: SourceThresholds = field(default_factory=SourceThresholds)
+    thresholds: SourceThresholds = REFINED_THRESHOLDS
     """When a source class counts as a source; the defaults are higher with --rounds 0."""
     device: str = "cpu"
     """Torch device."""
@@ -67,7 +72,7 @@ def parse(args: Sequence[str] | None = None) -> LocalizeOptions:
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--rounds")
     one_pass = first.parse_known_args(args)[0].rounds == "0"
-    thresholds = ONE_PASS_THRESHOLDS if one_pass else SourceThresholds()
+    thresholds = ONE_PASS_THRESHOLDS if one_pass else REFINED_THRESHOLDS
     return tyro.cli(LocalizeOptions, default=LocalizeOptions(tyro.MISSING, thresholds=thresholds), args=args)
 
 

@@ -53,7 +53,9 @@ class SourceThresholds:
             raise InputError(f"SourceThresholds: merge_deg is {self.merge_deg}; it must be from 0 to 180.")
 
 
-# For posteriors of one forward pass, whose levels and peaks tell less of who is silent.
+# Chosen on scenes in which some are silent, for posteriors that began with the picture. Those of one forward pass
+# tell less of who is silent; those of sound alone have the defaults above.
+REFINED_THRESHOLDS = SourceThresholds(level=0.03, peak=0.2)
 ONE_PASS_THRESHOLDS = SourceThresholds(level=0.08, peak=0.3)
 
 
