@@ -1,6 +1,5 @@
 """Localizes the sounding objects of clips, or of a whole recording, with a trained system."""
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -14,6 +13,7 @@ from tqdm import tqdm
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.chosen_system import choose_system
+from avssl_pyro.cli.first_look import given
 from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.data.csv_table import read_csv_table
@@ -69,10 +69,7 @@ class _Input:
 
 def parse(args: Sequence[str] | None = None) -> LocalizeOptions:
     """Options of the command line; the default thresholds are those of refined posteriors or of one forward pass."""
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--rounds")
-    one_pass = first.parse_known_args(args)[0].rounds == "0"
-    thresholds = ONE_PASS_THRESHOLDS if one_pass else REFINED_THRESHOLDS
+    thresholds = ONE_PASS_THRESHOLDS if given("--rounds", args) == "0" else REFINED_THRESHOLDS
     return tyro.cli(LocalizeOptions, default=LocalizeOptions(tyro.MISSING, thresholds=thresholds), args=args)
 
 

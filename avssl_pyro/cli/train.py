@@ -1,6 +1,5 @@
 """Trains the networks by stochastic variational inference."""
 
-import argparse
 import json
 import sys
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.cli.first_look import given
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TRAIN, default_dataset
 from avssl_pyro.errors import InputError
@@ -119,10 +119,8 @@ PRESETS: dict[str, TrainOptions] = {
 
 def parse(args: Sequence[str] | None = None) -> TrainOptions:
     """Options of the command line, on top of those of ``--preset``."""
-    first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    first.add_argument("--preset", default="quick")
-    preset = first.parse_known_args(args)[0].preset
-    return tyro.cli(TrainOptions, default=PRESETS.get(preset, PRESETS["quick"]), args=args)
+    default = PRESETS.get(given("--preset", args) or "quick", PRESETS["quick"])
+    return tyro.cli(TrainOptions, default=default, args=args)
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -1,13 +1,13 @@
 """The methods that stand beside each other in a comparison on one array."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, PEAK_SETTINGS, default_baselines
 from avssl_pyro.evaluation.methods import Method
 from avssl_pyro.evaluation.posterior_method import SOURCE_SETTINGS, PosteriorMethod
-from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.inference.by_ear import localizer_by_ear, without_picture
 from avssl_pyro.inference.checkpoint import fingerprint
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.system import System
@@ -40,23 +40,12 @@ class LineUp:
     workers: int | None = 1
     device: str = "cpu"
 
-    @property
-    def blind_refinement(self) -> RefinementConfig:
-        """The same without the picture: it is no prior either, and lobes need no softening as a network's mu does."""
-        return replace(self.refinement, image_weight=0.0, softening=1.0)
-
     def methods(self) -> list[Method[Any, Any]]:
         """All methods, fresh."""
         config = self.system.config
         grid = config.grid
-        blind = Localizer(
-            self.system,
-            self.device,
-            refinement=self.blind_refinement,
-            start=BlindStart(config.model.num_sources, grid),
-        )
         localizers = {
-            "audio-only refined": blind,
+            "audio-only refined": localizer_by_ear(self.system, self.refinement, self.device),
             "no-audio-net": Localizer(self.without_audio, self.device, uniform_levels=True),
             "amortized": Localizer(self.system, self.device),
         }
@@ -72,7 +61,7 @@ class LineUp:
             "system": fingerprint(self.system),
             "without_audio": fingerprint(self.without_audio),
             "refinement": asdict(self.refinement),
-            "blind_refinement": asdict(self.blind_refinement),
+            "blind_refinement": asdict(without_picture(self.refinement)),
             "baseline_band_hz": list(self.baseline_band_hz),
             "source_settings": [asdict(setting) for setting in SOURCE_SETTINGS],
             "peak_settings": [asdict(setting) for setting in PEAK_SETTINGS],
