@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -12,16 +12,13 @@ from rich.console import Console
 from rich.table import Table
 from tqdm import tqdm
 
-from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.material import MaterialOptions
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.camera_experiment import CameraExperiment, CameraTrial
-from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.pretrained import load_pretrained
 from avssl_pyro.simulation.film import Camera
 from avssl_pyro.simulation.moving_people import MovingPeopleConfig
-from avssl_pyro.simulation.recordings import RecordingSimulator
 
 
 @dataclass(frozen=True)
@@ -78,18 +75,11 @@ def main(args: Sequence[str] | None = None) -> None:
 
 
 def _experiment(options: CameraBenchmarkOptions) -> CameraExperiment:
-    array = resolve_array(options.array)
+    system, array = choose_system(options.checkpoint, options.array)
     config = MovingPeopleConfig(standing_share=options.standing_share)
-    simulator = RecordingSimulator(
-        config=replace(config, walks=replace(config.walks, seconds=round(options.seconds, 1))),
-        seed=options.seed,
-        array=array,
-        camera=Camera(options.width),
-        speech=options.material.speech_source(),
-        people=options.material.person_source(),
-        panoramas=options.material.panorama_source(),
+    simulator = options.material.recording_simulator(
+        config, options.seconds, options.seed, array, Camera(options.width)
     )
-    system = load_pretrained(array).system if options.checkpoint is None else load_checkpoint(options.checkpoint)
     return CameraExperiment(simulator, system)
 
 

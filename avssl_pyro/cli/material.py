@@ -1,11 +1,15 @@
 """The folders of material that simulations take, as options of commands."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.simulation.figures import ProceduralPerson
+from avssl_pyro.simulation.film import Camera
+from avssl_pyro.simulation.moving_people import MovingPeopleConfig
 from avssl_pyro.simulation.panoramas import PanoramaFolder, PanoramaSource
 from avssl_pyro.simulation.people import PeopleFolder, PersonSource
+from avssl_pyro.simulation.recordings import RecordingSimulator
 from avssl_pyro.simulation.rooms import ProceduralRoom
 from avssl_pyro.simulation.speech import SpeechFolder, SpeechSource
 from avssl_pyro.simulation.voices import ProceduralSpeech
@@ -30,3 +34,17 @@ class MaterialOptions:
 
     def panorama_source(self) -> PanoramaSource:
         return ProceduralRoom() if self.panoramas is None else PanoramaFolder(self.panoramas)
+
+    def recording_simulator(
+        self, config: MovingPeopleConfig, seconds: float, seed: int, array: MicrophoneArray, camera: Camera
+    ) -> RecordingSimulator:
+        """Recordings of this material, of whole frames of their labels."""
+        return RecordingSimulator(
+            config=replace(config, walks=replace(config.walks, seconds=round(seconds, 1))),
+            seed=seed,
+            array=array,
+            camera=camera,
+            speech=self.speech_source(),
+            people=self.person_source(),
+            panoramas=self.panorama_source(),
+        )

@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -106,18 +106,9 @@ def _check(options: SimulateRecordingOptions) -> None:
 
 
 def _simulator(options: SimulateRecordingOptions) -> RecordingSimulator:
-    config = MovingPeopleConfig()
-    # Whole frames of the labels.
-    seconds = round(options.seconds, 1)
-    return RecordingSimulator(
-        config=replace(config, walks=replace(config.walks, seconds=seconds)),
-        seed=options.seed,
-        array=resolve_array(options.array),
-        camera=Camera(options.width, float(np.deg2rad(options.yaw)), options.mirror),
-        speech=options.material.speech_source(),
-        people=options.material.person_source(),
-        panoramas=options.material.panorama_source(),
-    )
+    camera = Camera(options.width, float(np.deg2rad(options.yaw)), options.mirror)
+    array = resolve_array(options.array)
+    return options.material.recording_simulator(MovingPeopleConfig(), options.seconds, options.seed, array, camera)
 
 
 def _paths(options: SimulateRecordingOptions, array: MicrophoneArray, name: str) -> tuple[Path, Path, Path]:
