@@ -1,4 +1,4 @@
-"""The whole method in ten minutes; see --help."""
+"""The whole method at once; see --help."""
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.demo import main

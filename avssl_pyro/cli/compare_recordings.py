@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tyro
@@ -13,12 +12,12 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.train import PRESETS
-from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_ROWS, Clip
+from avssl_pyro.data.clip import Clip
 from avssl_pyro.data.files import read_audio
 from avssl_pyro.data.labeled_recordings import LabeledRecording, read_labeled_recordings
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, default_baselines
-from avssl_pyro.evaluation.methods import Method, tune
+from avssl_pyro.evaluation.methods import plain_and_tuned
 from avssl_pyro.evaluation.metrics import Azimuths
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.evaluation.posterior_method import PosteriorMethod
@@ -29,7 +28,6 @@ from avssl_pyro.inference.localization import SourceThresholds
 from avssl_pyro.inference.system import SystemConfig, build_system
 
 OURS = "audio-only refined"
-TUNED = "{}, tuned"
 NOTES = (
     f"false: given, but not within {NEAR_DEG:g}° of a labelled direction of its own; mean error: of those within "
     f"{NEAR_DEG:g}°.",
@@ -111,7 +109,7 @@ def _clip(recording: LabeledRecording, array: MicrophoneArray) -> Clip:
             f"{recording.path}: is silent throughout, but its labels name somebody who talks; give another recording, "
             "or leave its field azimuth_deg empty."
         )
-    return Clip(recording.path.name, audio_mn, np.zeros((IMAGE_ROWS, IMAGE_COLUMNS, 3), np.uint8))
+    return Clip.without_picture(recording.path.name, audio_mn)
 
 
 def _ours(
@@ -124,25 +122,20 @@ def _ours(
     localizer = localizer_by_ear(system, system.refinement(rounds=options.rounds), pause_db=options.pause_db)
     # One by one, for they need not be of equal length.
     method = PosteriorMethod(OURS, localizer.posteriors, system.config.grid, batch_size=1)
-    return {OURS: _decide(method, method.observe_all(tqdm(clips, desc=OURS)), options.thresholds)}
+    heard = method.observe_all(tqdm(clips, desc=OURS))
+    return {OURS: [method.decide(posterior, options.thresholds) for posterior in heard]}
 
 
 def _baselines(
     options: CompareRecordingsOptions, array: MicrophoneArray, clips: Sequence[Clip], labelled: Sequence[Azimuths]
 ) -> dict[str, list[Azimuths]]:
-    given = {}
+    given: dict[str, list[Azimuths]] = {}
     fixed = PeakSetting(options.peaks.threshold, options.peaks.most)
     grid = DirectionGrid(PRESETS["two-cores"].model.num_directions)
     for method in default_baselines(array, grid, freq_range_hz=options.baseline_band_hz):
         spectra = method.observe_all(tqdm(clips, desc=method.name))
-        given[method.name] = _decide(method, spectra, fixed)
-        best = tune(method, spectra, labelled, float(np.deg2rad(NEAR_DEG))).setting
-        given[TUNED.format(method.name)] = _decide(method, spectra, best)
+        given |= plain_and_tuned(method, spectra, labelled, fixed, float(np.deg2rad(NEAR_DEG)))
     return given
-
-
-def _decide(method: Method[Any, Any], observations: Iterable[Any], setting: Any) -> list[Azimuths]:
-    return [method.decide(observation, setting) for observation in observations]
 
 
 def _print_each(recordings: Sequence[LabeledRecording], given: dict[str, list[Azimuths]]) -> None:

@@ -1,4 +1,4 @@
-"""The whole method in ten minutes: scenes, training without labels, evaluation, pictures."""
+"""The whole method on two cores: scenes, training without labels, evaluation, pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -26,6 +26,11 @@ class Clip:
     audio_mn: npt.NDArray[np.float32]
     image_ijc: npt.NDArray[np.uint8]
 
+    @classmethod
+    def without_picture(cls, key: str, audio_mn: npt.NDArray[np.float32]) -> "Clip":
+        """A clip for who only listens: its picture is black."""
+        return cls(key, audio_mn, np.zeros((IMAGE_ROWS, IMAGE_COLUMNS, 3), np.uint8))
+
 
 @dataclass(frozen=True)
 class SceneLabels:

@@ -6,7 +6,7 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_ROWS, SAMPLE_RATE, Clip
+from avssl_pyro.data.clip import SAMPLE_RATE, Clip
 from avssl_pyro.evaluation.tracking_experiment import Recording
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer
@@ -50,9 +50,8 @@ class HeardRecordings:
 
     def _windows(self, audio_mn: npt.NDArray[np.float32], starts_s: list[float]) -> list[WindowDetections]:
         length = round(self.window_s * SAMPLE_RATE)
-        black_ijc = np.zeros((IMAGE_ROWS, IMAGE_COLUMNS, 3), dtype=np.uint8)
         firsts = [round(start_s * SAMPLE_RATE) for start_s in starts_s]
-        clips = [Clip(str(first), audio_mn[:, first : first + length], black_ijc) for first in firsts]
+        clips = [Clip.without_picture(str(first), audio_mn[:, first : first + length]) for first in firsts]
         batches = [clips[first : first + BATCH] for first in range(0, len(clips), BATCH)]
         posteriors = [posterior for batch in batches for posterior in self.localizer.posteriors(batch)]
         grid = self.localizer.config.grid

@@ -75,3 +75,23 @@ def tune(
     least_f = max(tuned.f_measure for tuned in candidates) - AS_GOOD_F
     good = [tuned for tuned in candidates if tuned.f_measure >= least_f]
     return max(good, key=lambda tuned: (tuned.count_accuracy, tuned.f_measure))
+
+
+def plain_and_tuned(
+    method: Method[ObservationT, SettingT],
+    observations: Sequence[ObservationT],
+    references: Sequence[Azimuths],
+    setting: SettingT,
+    tolerance: float,
+) -> dict[str, list[Azimuths]]:
+    """Two rows of a comparison without validation data, by name: decided by a fixed setting, and by the best one.
+
+    Args:
+        method, observations, references, tolerance: as of :func:`tune`; the best setting is that for these very labels.
+        setting: the fixed one.
+    """
+    best = tune(method, observations, references, tolerance).setting
+    return {
+        name: [method.decide(observation, chosen) for observation in observations]
+        for name, chosen in ((method.name, setting), (f"{method.name}, tuned", best))
+    }

@@ -7,11 +7,11 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_ROWS, Clip
+from avssl_pyro.data.clip import Clip
 from avssl_pyro.data.dcase import FRAME_S
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.evaluation.baselines import default_baselines
-from avssl_pyro.evaluation.methods import tune
+from avssl_pyro.evaluation.methods import plain_and_tuned
 from avssl_pyro.evaluation.metrics import Azimuths
 from avssl_pyro.evaluation.peaks import PeakSetting
 
@@ -29,7 +29,7 @@ def baselines_of_recording(
 ) -> dict[str, list[Azimuths]]:
     """What each says in every frame of 100 ms: the answer of the window whose middle is nearest; by name.
 
-    Two rows each: with ``peaks``, and tuned for the highest F-measure on these very labels.
+    Two rows each: with ``peaks``, and tuned on these very labels.
 
     Args:
         recording: its audio.
@@ -39,17 +39,12 @@ def baselines_of_recording(
         tolerance: that rows are tuned for, radians.
         hop_s, window_s: of the windows.
     """
-    black_ijc = np.zeros((IMAGE_ROWS, IMAGE_COLUMNS, 3), np.uint8)
     windows = list(recording.audio_windows(hop_s, window_s))
-    clips = [Clip(recording.key_at(start_s), audio_mn, black_ijc) for start_s, audio_mn in windows]
+    clips = [Clip.without_picture(recording.key_at(start_s), audio_mn) for start_s, audio_mn in windows]
     middle_b = np.array([start_s + window_s / 2 for start_s, _ in windows])
     nearest_t = [int(np.abs(middle_b - (t + 0.5) * FRAME_S).argmin()) for t in range(len(labelled))]
     given: dict[str, list[Azimuths]] = {}
     for method in default_baselines(array, DirectionGrid()):
         spectra = method.observe_all(tqdm(clips, desc=method.name, unit="window"))
-        per_frame = [spectra[b] for b in nearest_t]
-        best = tune(method, per_frame, labelled, tolerance).setting
-        for name, setting in ((method.name, peaks), (f"{method.name}, tuned", best)):
-            decided = [method.decide(spectrum, setting) for spectrum in spectra]
-            given[name] = [decided[b] for b in nearest_t]
+        given |= plain_and_tuned(method, [spectra[b] for b in nearest_t], labelled, peaks, tolerance)
     return given
