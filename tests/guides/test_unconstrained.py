@@ -43,7 +43,7 @@ def test_marginal_spread_counts_what_is_shared(gaussian: UnconstrainedGaussian) 
 
 def test_sticks_of_a_dirichlet_have_its_moments() -> None:
     torch.manual_seed(0)
-    mu_bkd, concentration_bk = torch.zeros(B, K, D), torch.tensor([[3.0, 4.0, 5.0], [40.0, 20.0, 7.0]])
+    mu_bkd, concentration_bk = torch.zeros(B, K, D), torch.tensor([[30.0, 40.0, 50.0], [40.0, 20.0, 70.0]])
     gaussian = log_normal_and_dirichlet(mu_bkd, mu_bkd + 0.3, concentration_bk)
     drawn_sbk = gaussian.level_posterior(mu_bkd.exp().expand(20000, -1, -1, -1)).sample()
     exact = dist.Dirichlet(concentration_bk)
