@@ -82,7 +82,7 @@ def _report(out: Path, draws: int, ranks: dict[str, dict[str, list[int]]]) -> No
 
 def _table(found: dict[str, dict[str, Uniformity]]) -> Table:
     table = Table(
-        title="p of uniform ranks | their spread (above 1: too narrow a posterior) | their shift (above 0: one too low)",
+        title="p of uniform ranks | their spread (above 1: too narrow a posterior) | their shift (above 0: too low)",
         box=box.SIMPLE_HEAD,
         title_justify="left",
     )

@@ -9,9 +9,13 @@ does not depend on the order means anything: sorted levels, the power from a sec
 """
 
 import copy
+import importlib.util
+import warnings
 from dataclasses import dataclass
+from typing import Any
 
 import pyro
+import pyro.distributions as dist
 import torch
 from pyro import poutine
 from pyro.infer import NUTS
@@ -20,7 +24,8 @@ from tqdm import tqdm
 
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.per_scene import AnyGuide
+from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.guides.per_scene import AnyGuide, dirichlet_of_moments
 from avssl_pyro.guides.unconstrained import UnconstrainedGaussian, log_normal_and_dirichlet
 from avssl_pyro.inference.posterior_draws import PosteriorDraws
 
@@ -77,6 +82,33 @@ class NutsDraws(PosteriorDraws):
         """Values (S, ...) of every draw as (chains, draws, ...)."""
         return values_s.unflatten(0, (self.chains, -1))
 
+    def to_arviz(self) -> Any:
+        """ArviZ's InferenceData: ``direction_weights``, ``mixing_levels`` and ``sample_stats.diverging``.
+
+        Raises:
+            InputError: ArviZ is not installed.
+        """
+        if importlib.util.find_spec("arviz") is None:
+            raise InputError("ArviZ is not installed; pip install 'avssl-pyro[notebooks]' adds it.")
+        with warnings.catch_warnings():
+            # Once a day it announces its next version when it is imported.
+            warnings.simplefilter("ignore", FutureWarning)
+            import arviz  # noqa: PLC0415 - an optional dependency
+
+        return arviz.from_dict(
+            posterior={
+                "direction_weights": self.by_chain(self.w_skd).numpy(),
+                "mixing_levels": self.by_chain(self.pi_sk).numpy(),
+            },
+            sample_stats={"diverging": self.by_chain(self.diverging_s).numpy()},
+            dims={"direction_weights": ["source", "direction"], "mixing_levels": ["source"]},
+        )
+
+    def moments(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Means and standard deviations (K, D) of log w, and concentrations (K,) of a Dirichlet like the levels."""
+        log_w_skd = self.w_skd.log()
+        return log_w_skd.mean(0), log_w_skd.std(0), dirichlet_of_moments(self.pi_sk[:, None])[0]
+
 
 def sample_posterior(
     model: nn.Module, start: AnyGuide, x_fmt: Tensor, image_cij: Tensor, config: NutsConfig | None = None
@@ -119,6 +151,35 @@ def sample_posteriors(
     ]
 
 
+class NutsGuide(nn.Module):
+    """NUTS as a guide: log-normal weights and Dirichlet levels with the moments of its draws, clip by clip.
+
+    Args:
+        model, start, config: as of :func:`sample_posterior`.
+    """
+
+    def __init__(self, model: nn.Module, start: AnyGuide, config: NutsConfig | None = None) -> None:
+        super().__init__()
+        self.model = model
+        self.start = start
+        self.config = NutsConfig() if config is None else config
+
+    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
+        parameters = self.parameters_of(x_bfmt, image_bcij)
+        with pyro.plate("clip", len(x_bfmt), dim=-1):
+            pyro.sample("direction_weights", dist.LogNormal(parameters.mu_bkd, parameters.sigma_bkd).to_event(2))
+            pyro.sample("mixing_levels", dist.Dirichlet(parameters.concentration_bk))
+
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
+        """The draws' moments; activation maps are those of the start."""
+        with torch.no_grad(), poutine.block():
+            start = self.start.parameters_of(x_bfmt, image_bcij)
+        clips = zip(x_bfmt, image_bcij, strict=True)
+        draws = [sample_posterior(self.model, self.start, *clip, self.config) for clip in clips]
+        moments = (torch.stack(values).to(start.mu_bkd) for values in zip(*(d.moments() for d in draws), strict=True))
+        return GuideParameters(*moments, start.activation_bkij)
+
+
 class ScenePotential:
     """-log p(x, w, pi) of clips over their unconstrained latents, which are counted in the origin's spreads.
 
@@ -151,7 +212,12 @@ def _run_chain(potential: ScenePotential, config: NutsConfig, chain: int) -> tup
     """Draws (S, B, N) of one chain, and which of them diverged."""
     zero_bn = torch.zeros_like(potential.origin.loc_bn)
     # Far trajectories leave what distributions accept; that is what rejection is for.
-    with poutine.block(), pyro.validation_enabled(False), seeded(config.seed + chain, zero_bn.device):
+    with (
+        poutine.block(),
+        pyro.validation_enabled(False),
+        seeded(config.seed + chain, zero_bn.device),
+        torch.enable_grad(),
+    ):
         kernel = NUTS(
             potential_fn=potential,
             target_accept_prob=config.target_accept,
