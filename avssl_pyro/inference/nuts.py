@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import pyro
-import pyro.distributions as dist
 import torch
 from pyro import poutine
 from pyro.infer import NUTS
@@ -25,6 +24,7 @@ from tqdm import tqdm
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.guides.fitted import FittedPosterior
 from avssl_pyro.guides.per_scene import AnyGuide, dirichlet_of_moments
 from avssl_pyro.guides.unconstrained import UnconstrainedGaussian, log_normal_and_dirichlet
 from avssl_pyro.inference.posterior_draws import PosteriorDraws
@@ -111,23 +111,23 @@ class NutsDraws(PosteriorDraws):
 
 
 def sample_posterior(
-    model: nn.Module, start: AnyGuide, x_fmt: Tensor, image_cij: Tensor, config: NutsConfig | None = None
+    start: AnyGuide, model: nn.Module, x_fmt: Tensor, image_cij: Tensor, config: NutsConfig | None = None
 ) -> NutsDraws:
     """Draws from p(w, pi | x) of one clip, in double precision.
 
     Args:
-        model: any with the latent sites of ``SpatialCGMM``.
         start: a guide; chains begin near its answer, and its spread is the scale of the first mass matrix.
+        model: any with the latent sites of ``SpatialCGMM``.
         x_fmt: spectrogram, complex (F, M, T).
         image_cij: picture, (3, I, J).
         config: how long.
     """
-    (draws,) = sample_posteriors(model, start, x_fmt[None], image_cij[None], config)
+    (draws,) = sample_posteriors(start, model, x_fmt[None], image_cij[None], config)
     return draws
 
 
 def sample_posteriors(
-    model: nn.Module, start: AnyGuide, x_bfmt: Tensor, image_bcij: Tensor, config: NutsConfig | None = None
+    start: AnyGuide, model: nn.Module, x_bfmt: Tensor, image_bcij: Tensor, config: NutsConfig | None = None
 ) -> list[NutsDraws]:
     """Draws of several clips at once, as :func:`sample_posterior` of each.
 
@@ -155,27 +155,30 @@ class NutsGuide(nn.Module):
     """NUTS as a guide: log-normal weights and Dirichlet levels with the moments of its draws, clip by clip.
 
     Args:
-        model, start, config: as of :func:`sample_posterior`.
+        start, model, config: as of :func:`sample_posterior`.
     """
 
-    def __init__(self, model: nn.Module, start: AnyGuide, config: NutsConfig | None = None) -> None:
+    fits_each_clip = True
+
+    def __init__(self, start: AnyGuide, model: nn.Module, config: NutsConfig | None = None) -> None:
         super().__init__()
         self.model = model
         self.start = start
         self.config = NutsConfig() if config is None else config
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
-        parameters = self.parameters_of(x_bfmt, image_bcij)
-        with pyro.plate("clip", len(x_bfmt), dim=-1):
-            pyro.sample("direction_weights", dist.LogNormal(parameters.mu_bkd, parameters.sigma_bkd).to_event(2))
-            pyro.sample("mixing_levels", dist.Dirichlet(parameters.concentration_bk))
+        self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
+
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FittedPosterior:
+        """A guide of these clips, to be used more than once without sampling again."""
+        return FittedPosterior(self.parameters_of(x_bfmt, image_bcij))
 
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
         """The draws' moments; activation maps are those of the start."""
         with torch.no_grad(), poutine.block():
             start = self.start.parameters_of(x_bfmt, image_bcij)
         clips = zip(x_bfmt, image_bcij, strict=True)
-        draws = [sample_posterior(self.model, self.start, *clip, self.config) for clip in clips]
+        draws = [sample_posterior(self.start, self.model, *clip, self.config) for clip in clips]
         moments = (torch.stack(values).to(start.mu_bkd) for values in zip(*(d.moments() for d in draws), strict=True))
         return GuideParameters(*moments, start.activation_bkij)
 

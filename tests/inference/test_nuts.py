@@ -59,7 +59,7 @@ CONFIG = NutsConfig(draws=150, warmup=80, chains=2, seed=1)
 
 @pytest.fixture(scope="module")
 def draws(x_bfmt: Tensor) -> list[NutsDraws]:
-    return sample_posteriors(Conjugate(), Start(), x_bfmt, IMAGE_BCIJ, CONFIG)
+    return sample_posteriors(Start(), Conjugate(), x_bfmt, IMAGE_BCIJ, CONFIG)
 
 
 def test_draws_have_the_moments_of_the_posterior(draws: list[NutsDraws], x_bfmt: Tensor) -> None:
@@ -92,16 +92,16 @@ def test_the_same_seed_gives_the_same_draws_and_leaves_others_alone(x_bfmt: Tens
     torch.manual_seed(0)
     expected = torch.rand(())
     torch.manual_seed(0)
-    first = sample_posterior(Conjugate(), Start(), x_bfmt[0], IMAGE_BCIJ[0], config)
+    first = sample_posterior(Start(), Conjugate(), x_bfmt[0], IMAGE_BCIJ[0], config)
     assert torch.rand(()) == expected
     with torch.no_grad():
-        again = sample_posterior(Conjugate(), Start(), x_bfmt[0], IMAGE_BCIJ[0], config)
+        again = sample_posterior(Start(), Conjugate(), x_bfmt[0], IMAGE_BCIJ[0], config)
     torch.testing.assert_close(again.w_skd, first.w_skd, rtol=0, atol=0)
     assert not pyro.get_param_store()
 
 
 def test_as_a_guide_it_has_the_public_sites(x_bfmt: Tensor) -> None:
-    guide = NutsGuide(Conjugate(), Start(), NutsConfig(draws=30, warmup=40, chains=1))
+    guide = NutsGuide(Start(), Conjugate(), NutsConfig(draws=30, warmup=40, chains=1))
     trace = pyro.poutine.trace(guide).get_trace(x_bfmt, IMAGE_BCIJ)
     assert trace.stochastic_nodes == ["clip", "direction_weights", "mixing_levels"]
     assert trace.nodes["direction_weights"]["value"].shape == (2, K, D)

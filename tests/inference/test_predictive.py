@@ -13,13 +13,13 @@ from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.inference.posterior_draws import PosteriorDraws, draw_from, log_likelihood, prior_draws, replicate
 from avssl_pyro.inference.predictive import BeamPower, Coherence, Statistic, predictive_check
-from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
+from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 K, D, F, T = 2, 12, 8, 30
 FREQUENCIES = np.linspace(400.0, 3000.0, F)
 STEERING_FDM = FreeField(PRESETS["circle4"])(DirectionGrid(D), FREQUENCIES).to(torch.complex64)
-MODEL = SpatialCGMM(STEERING_FDM, K, SparseDirichlet(1.0), LogNormalWeights(1.0), bin_weight=2.0)
+MODEL = SpatialCGMM(STEERING_FDM, K, SymmetricDirichlet(1.0), LogNormalWeights(1.0), bin_weight=2.0)
 IMAGE_CIJ = torch.zeros(3, 1, 1)
 EMPTY_FMT = torch.zeros(F, 4, T, dtype=torch.complex64)
 STATISTICS = pytest.mark.parametrize("statistic", [BeamPower(STEERING_FDM), Coherence(STEERING_FDM)])
@@ -47,7 +47,7 @@ def test_the_truth_replicates_its_own_recording(truth: PosteriorDraws, x_fmt: Te
 
 
 def test_a_posterior_replicates_the_recording_better_than_the_prior(x_fmt: Tensor) -> None:
-    refined = RefinedGuide(BlindStart(K, DirectionGrid(D)), STEERING_FDM, RefinementConfig(softening=1.0, alpha=1.0))
+    refined = RefinedGuide(BlindStart(K, DirectionGrid(D)), MODEL, RefinementConfig(softening=1.0))
     posterior = draw_from(refined, x_fmt, IMAGE_CIJ, 60)
     prior = prior_draws(MODEL, x_fmt, IMAGE_CIJ, 60)
     checks = [predictive_check(MODEL, x_fmt, IMAGE_CIJ, draws, BeamPower(STEERING_FDM)) for draws in (posterior, prior)]
