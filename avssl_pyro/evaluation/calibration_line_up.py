@@ -72,11 +72,11 @@ class SmallSystem:
         config = RefinementConfig(rounds=200, tolerance=1e-6, softening=1.0)
         return RefinedGuide(BlindStart(self.num_sources, self.grid), self.model(), config)
 
-    def samplers(self) -> dict[str, Sampler]:
-        """Posteriors by name, from quick to slow."""
+    def samplers(self, steps: int = 100) -> dict[str, Sampler]:
+        """Posteriors by name, from quick to slow; those fitted by gradients take so many steps, low rank twice."""
         model, refined = self.model(), self.refined()
-        mean_field = PerSceneGuide(refined, model, MeanField())
-        low_rank = PerSceneGuide(mean_field, model, LowRank(rank=4), PerSceneConfig(steps=200))
+        mean_field = PerSceneGuide(refined, model, MeanField(), PerSceneConfig(steps))
+        low_rank = PerSceneGuide(mean_field, model, LowRank(rank=4), PerSceneConfig(2 * steps))
         config = NutsConfig(draws=self.draws * self.thinning, warmup=self.warmup, chains=1)
 
         def by_guide(guide: nn.Module) -> Sampler:
