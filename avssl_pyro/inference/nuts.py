@@ -179,8 +179,10 @@ class NutsGuide(nn.Module):
             start = self.start.parameters_of(x_bfmt, image_bcij)
         clips = zip(x_bfmt, image_bcij, strict=True)
         draws = [sample_posterior(self.start, self.model, *clip, self.config) for clip in clips]
-        moments = (torch.stack(values).to(start.mu_bkd) for values in zip(*(d.moments() for d in draws), strict=True))
-        return GuideParameters(*moments, start.activation_bkij)
+        mu_bkd, sigma_bkd, concentration_bk = (
+            torch.stack(values).to(start.mu_bkd) for values in zip(*(clip.moments() for clip in draws), strict=True)
+        )
+        return GuideParameters(mu_bkd, sigma_bkd, concentration_bk, start.activation_bkij)
 
 
 class ScenePotential:
