@@ -98,10 +98,11 @@ class RefinedGuide(PyroModule):
         equal_bk = mu_bkd.new_full(mu_bkd.shape[:-1], 1 / mu_bkd.shape[-2])
         ascent = self._ascent(x_bfmt, mu_bkd)
         point = self._climb(ascent, config.softening * mu_bkd, equal_bk)
+        sigma_bkd, concentration_bk = ascent.uncertainty(point)
         return GuideParameters(
             mu_bkd=point.log_w_bkd,
-            sigma_bkd=ascent.spread(point),
-            concentration_bk=point.counts_bk.clamp_min(LEAST_CONCENTRATION),
+            sigma_bkd=sigma_bkd,
+            concentration_bk=concentration_bk.clamp_min(LEAST_CONCENTRATION),
             activation_bkij=activation_bkij + _over_columns(point.log_w_bkd - mu_bkd, activation_bkij),
         )
 

@@ -13,10 +13,11 @@ prior is found by Newton's method. Either way the objective never falls, and no 
 The bound is far steeper than the posterior, so the spread of log w is not read off it but off the expected (Fisher)
 information of a complex Student t, of which the angular central Gaussian is one,
 
-    I_d = sum_f n_f w_d^2 [ p tr(P G_d P G_d) - (tr P G_d)^2 ] / (p + 1)
+    I_d = sum_tf gamma_tf^2 w_d^2 [ p tr(P G_d P G_d) - (tr P G_d)^2 ] / (p + 1)
 
-with power p and templates G_d = a a^H + eps I. It takes for granted which class a bin belongs to. With it, the variance
-of log w is that of the best normal guide.
+with power p and templates G_d = a a^H + eps I. With it, the variance of log w is that of the best normal guide. Masks
+are not observed: of what a bin would tell of a class that it is known to be of, which has responsibility gamma, gamma^2
+remains. Likewise the counts behind the levels are worth the mean over classes of (gamma - pi)^2 / pi of what they are.
 """
 
 from dataclasses import dataclass
@@ -156,8 +157,11 @@ class MixtureAscent:
         return MixturePoint(log_w_bkd, counts_bk, self._weight * expected.evidence_bft.sum((-2, -1)))
 
     @torch.no_grad()
-    def spread(self, point: MixturePoint) -> Tensor:
-        """Standard deviations of log w at a point, (B, K, D), from the expected information and the prior."""
+    def uncertainty(self, point: MixturePoint) -> tuple[Tensor, Tensor]:
+        """Standard deviations of log w at a point, (B, K, D), and concentrations of pi, (B, K).
+
+        Both come from the expected information of bins whose masks are not observed, and from the priors.
+        """
         expected, power = self._expect(point.log_w_bkd, point.pi_bk), self._tail.power
         inverse_bkfmm, weight_bkfd = expected.inverse_bkfmm, point.log_w_bkd.softmax(-1)[:, :, None]
         square_bkfmm = inverse_bkfmm @ inverse_bkfmm
@@ -166,9 +170,20 @@ class MixtureAscent:
         twice_bkfd = first_bkfd.square() + 2 * self._diffuse * second_bkfd + self._diffuse**2 * square_bkf1
         once_bkfd = first_bkfd + self._diffuse * trace_bkf1
         information_bkfd = weight_bkfd.square() * (power * twice_bkfd - once_bkfd.square()) / (power + 1)
-        count_bkf1 = self._weight * expected.gamma_bfkt.sum(-1).transpose(-2, -1)[..., None]
-        precision_bkd = (count_bkf1 * information_bkfd).sum(-2).clamp_min(0)
-        about_mean_bkd = point.log_w_bkd - self._prior_mean
+        square_bkf = expected.gamma_bfkt.square().sum(-1).transpose(-2, -1)
+        precision_bkd = self._weight * (square_bkf[..., None] * information_bkfd).sum(-2).clamp_min(0)
+        return self._best_spread(point.log_w_bkd, precision_bkd), self._alpha + self._told(point, square_bkf)
+
+    def _told(self, point: MixturePoint, square_bkf: Tensor) -> Tensor:
+        """Counts of the clip that are worth as much with masks observed as its own are without, (B, K)."""
+        pi_bk = point.pi_bk.clamp_min(torch.finfo(point.pi_bk.dtype).tiny)
+        bins = self._observed.features_bfct.shape[-3] * self._observed.features_bfct.shape[-1]
+        contrast_b = (square_bkf.sum(-1) / (bins * pi_bk)).sum(-1) - 1
+        worth_b = (contrast_b / max(pi_bk.shape[-1] - 1, 1)).clamp(0, 1)
+        return worth_b[:, None] * (point.counts_bk - self._alpha).clamp_min(0)
+
+    def _best_spread(self, log_w_bkd: Tensor, precision_bkd: Tensor) -> Tensor:
+        about_mean_bkd = log_w_bkd - self._prior_mean
         # variance * (information + expected precision of the prior) = 1; the left side rises with the variance.
         low_bkd, high_bkd = torch.zeros_like(precision_bkd), torch.full_like(precision_bkd, MOST_SPREAD**2)
         for _ in range(BISECTIONS):

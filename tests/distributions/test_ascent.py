@@ -151,14 +151,15 @@ def test_a_weight_is_so_many_copies_of_every_frame(x_bfmt: Tensor) -> None:
     torch.testing.assert_close(weighted.log_w_bkd, copied.log_w_bkd)
     torch.testing.assert_close(weighted.counts_bk, copied.counts_bk)
     torch.testing.assert_close(weighted.log_likelihood_b, copied.log_likelihood_b)
-    torch.testing.assert_close(ascents[0].spread(weighted), ascents[1].spread(copied))
+    for found, expected in zip(ascents[0].uncertainty(weighted), ascents[1].uncertainty(copied), strict=True):
+        torch.testing.assert_close(found, expected)
 
 
 def test_more_data_means_less_spread(x_bfmt: Tensor) -> None:
     spreads = []
     for frames in (T // 3, T):
         ascent = make_ascent(x_bfmt[..., :frames], 1.0, alpha=0.01)
-        spreads.append(ascent.spread(ascent.step(*start())).mean().item())
+        spreads.append(ascent.uncertainty(ascent.step(*start()))[0].mean().item())
     assert spreads[1] < spreads[0] < 1.0
 
 
@@ -184,7 +185,7 @@ def test_the_spread_is_that_of_the_expected_information(likelihood: ProfiledGaus
     point = ascent.step(log_w.detach(), pi_bk)
     at_the_truth = replace(point, log_w_bkd=log_w.detach())
     expected_d = (information_d + prior_precision).rsqrt()
-    assert ascent.spread(at_the_truth)[0, 0].numpy() == pytest.approx(expected_d.numpy(), rel=0.2)
+    assert ascent.uncertainty(at_the_truth)[0][0, 0].numpy() == pytest.approx(expected_d.numpy(), rel=0.2)
 
 
 @pytest.mark.parametrize("prior", [GammaLogWeights(0.5), HalfNormalLogWeights(1.0)], ids=str)
@@ -194,8 +195,22 @@ def test_silent_directions_spread_far_under_priors_that_let_them(x_bfmt: Tensor,
     for _ in range(20):
         point = ascent.step(log_w_bkd, pi_bk)
         log_w_bkd, pi_bk = point.log_w_bkd, point.pi_bk
-    spread_bkd = ascent.spread(point)
+    spread_bkd, _ = ascent.uncertainty(point)
     assert spread_bkd.isfinite().all()
     assert spread_bkd.max() <= 4.0
     quiet, loud = log_w_bkd.flatten().argsort()[[0, -1]]
     assert spread_bkd.flatten()[quiet] > spread_bkd.flatten()[loud]
+
+
+def test_counts_are_worth_less_where_classes_look_alike(x_bfmt: Tensor) -> None:
+    ascent, (_, pi_bk) = make_ascent(x_bfmt, 1.0, alpha=0.5), start()
+    worth = []
+    for contrast in (0.0, 0.3, 6.0):
+        log_w_bkd = torch.zeros(2, K, D, dtype=torch.float64)
+        for k, d in enumerate(TRUE_DIRECTIONS):
+            log_w_bkd[:, k, d] = contrast
+        point = ascent.step(log_w_bkd, pi_bk)
+        at_the_start = replace(point, log_w_bkd=log_w_bkd)
+        worth.append(ascent.uncertainty(at_the_start)[1].sum(-1).mean().item())
+    assert worth[0] == pytest.approx(0.5 * K, abs=1e-6)
+    assert worth[0] < worth[1] < worth[2] < F * T + 0.5 * K
