@@ -41,6 +41,8 @@ autodoc_default_options = {
     "show-inheritance": True,
 }
 autodoc_preserve_defaults = True
+# What torch says of forward() in general is not about ours.
+autodoc_inherit_docstrings = False
 autodoc_typehints_format = "short"
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
@@ -52,5 +54,6 @@ html_math_renderer = "built_in"
 html_copy_source = False
 html_show_sourcelink = False
 html_show_sphinx = False
+html_show_copyright = False
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
