@@ -18,7 +18,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx_copybutton",
     "api_pages",
-    "built_in_math",
+    "drawn_math",
     "notebook_pages",
     "source_links",
 ]
@@ -50,7 +50,7 @@ python_maximum_signature_line_length = 88
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
-html_math_renderer = "built_in"
+html_math_renderer = "drawn"
 html_copy_source = False
 html_show_sourcelink = False
 html_show_sphinx = False

@@ -28,9 +28,10 @@ def rewrite(markdown: str, folder: Path, modules: dict[Path, str]) -> str:
 
     def target(link: re.Match[str]) -> str:
         path, text = Path(os.path.normpath(folder / link["path"])), link["text"]
-        if path in modules:
+        if module := modules.get(path):
             name = text.strip("`")
-            return f"{{py:obj}}`{name} <{modules[path]}.{name}>`" if name != text else f"{{py:mod}}`{text} <{modules[path]}>`"
+            whole = name in {module, text}
+            return f"{{py:mod}}`{name} <{module}>`" if whole else f"{{py:obj}}`{name} <{module}.{name}>`"
         page = ELSEWHERE.get(path)
         if page is None and path.parent == ROOT / "notebooks":
             page = f"/notebooks/{path.name}"
