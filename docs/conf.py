@@ -18,6 +18,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx_copybutton",
     "api_pages",
+    "api_texts",
     "drawn_math",
     "notebook_pages",
     "source_links",
@@ -26,7 +27,7 @@ exclude_patterns = ["_extensions", "_static"]
 
 # References to anything of the package must resolve; those to libraries cannot, since the build asks no network.
 nitpicky = True
-PRIVATE = r"avssl_pyro\..*\.(Annotated\[.*|_\w+|[A-Z]\w*T)"
+PRIVATE = r"avssl_pyro\..*\.(_\w+|[A-Z]\w*T)"
 nitpick_ignore_regex = [("py:.*", r"(?!avssl_pyro\.).*"), ("py:.*", PRIVATE)]
 
 myst_enable_extensions = ["dollarmath"]
@@ -38,7 +39,6 @@ autodoc_default_options = {
     "members": True,
     "member-order": "bysource",
     "special-members": "__call__",
-    "show-inheritance": True,
 }
 autodoc_preserve_defaults = True
 # What torch says of forward() in general is not about ours.

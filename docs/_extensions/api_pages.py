@@ -1,15 +1,12 @@
 """Writes a page for every module of every package that pyproject.toml lists, so that none can be forgotten."""
 
 import ast
-import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
-from sphinx.ext.napoleon import Config
-from sphinx.ext.napoleon.docstring import GoogleDocstring
 
 ROOT = Path(__file__).parents[2]
 PAGES = ROOT / "docs" / "api"
@@ -78,19 +75,6 @@ def write_pages(_: Sphinx) -> None:
             path.write_text(text, encoding="utf-8")
 
 
-def process_docstring(app: Sphinx, what: str, name: str, item: object, options: object, lines: list[str]) -> None:
-    """Reads Google's sections, and makes the numbers of ``Eq. (13)`` and ``Eqs. (5, 6)`` links to the method's page."""
-
-    def linked(reference: re.Match[str]) -> str:
-        return re.sub(r"\(?(\d+)\)?", r":eq:`eq-\1`", reference[0])
-
-    # Of an attribute napoleon takes whatever stands before a colon for its type.
-    kind = "object" if what in {"attribute", "property", "data"} else what
-    sections = GoogleDocstring(lines, Config(), app, kind, name, item, options).lines()
-    lines[:] = [re.sub(r"\bEqs?\. \(\d+(?:, \d+)*\)(?:-\(\d+\))?", linked, line) for line in sections]
-
-
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("builder-inited", write_pages)
-    app.connect("autodoc-process-docstring", process_docstring)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
