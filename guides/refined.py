@@ -9,8 +9,6 @@ the model's, see :mod:`avssl_pyro.guides.model_ascent` for those that can be swa
 
 from dataclasses import dataclass
 
-import pyro
-import pyro.distributions as dist
 import torch
 import torch.nn.functional as F
 from pyro.nn import PyroModule
@@ -20,6 +18,7 @@ from avssl_pyro.distributions.ascent import MixtureAscent, MixturePoint
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.directions import DirectionStart, GuideParameters
+from avssl_pyro.guides.fitted import FittedPosterior
 from avssl_pyro.guides.model_ascent import check_ascent, model_ascent
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -83,10 +82,11 @@ class RefinedGuide(PyroModule):
         self.config = config
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
-        parameters = self.parameters_of(x_bfmt, image_bcij)
-        with pyro.plate("clip", x_bfmt.shape[0], dim=-1):
-            pyro.sample("direction_weights", dist.LogNormal(parameters.mu_bkd, parameters.sigma_bkd).to_event(2))
-            pyro.sample("mixing_levels", dist.Dirichlet(parameters.concentration_bk))
+        self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
+
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FittedPosterior:
+        """A guide of these clips, to be used more than once without climbing again."""
+        return FittedPosterior(self.parameters_of(x_bfmt, image_bcij))
 
     @torch.no_grad()
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
