@@ -30,6 +30,8 @@ nitpicky = True
 PRIVATE = r"avssl_pyro\..*\.(_\w+|[A-Z]\w*T)"
 nitpick_ignore_regex = [("py:.*", r"(?!avssl_pyro\.).*"), ("py:.*", PRIVATE)]
 
+# Options begin with two dashes.
+smartquotes = False
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "off"

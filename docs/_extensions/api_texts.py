@@ -35,9 +35,11 @@ def process_docstring(app: Sphinx, what: str, name: str, item: Any, options: obj
 
 
 def process_signature(
-    _app: Sphinx, _what: str, _name: str, _item: object, _options: object, arguments: str | None, returned: str | None
+    _app: Sphinx, _what: str, _name: str, item: object, _options: object, arguments: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
-    """Writes arrays as numpy.typing does."""
+    """Writes arrays as numpy.typing does; a protocol is not called to make one."""
+    if getattr(item, "_is_protocol", False):
+        return None, None
     short = (text and ARRAY.sub(r"NDArray[\1]", text) for text in (arguments, returned))
     return next(short), next(short)
 

@@ -14,8 +14,10 @@ from sphinx.application import Sphinx
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-# Pages of the site that show, or stand for, files outside docs/.
+# Pages of the site that show, or stand for, what lies outside docs/.
 ELSEWHERE = {
+    ROOT / "avssl_pyro": "/api/index.rst",
+    ROOT / "notebooks": "/notebooks/index.md",
     ROOT / "README.md": "/index.md",
     ROOT / "CHANGELOG.md": "/changelog.md",
     ROOT / "avssl_pyro" / "weights" / "MODEL_CARD.md": "/model-card.md",
