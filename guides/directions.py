@@ -1,7 +1,7 @@
 """What the guides have in common: the posterior of direction weights given the picture, q(w | image)."""
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
 
 import pyro.distributions as dist
 import torch
@@ -36,6 +36,22 @@ class DirectionStart(Protocol):
 
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
         """Log-weights mu_bkd and activation maps (B, K, I', J') of images (B, 3, I, J)."""
+        ...
+
+
+class PosteriorGuide(Protocol):
+    """A guide as localization sees it; every guide of this package is one, and each is a torch module."""
+
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
+        """Variational parameters of spectrograms (B, F, M, T) and images (B, 3, I, J)."""
+        ...
+
+    def to(self, device: torch.device) -> Self:
+        """As of :class:`torch.nn.Module`."""
+        ...
+
+    def eval(self) -> Self:
+        """As of :class:`torch.nn.Module`."""
         ...
 
 
