@@ -69,8 +69,8 @@ class DirectionGuide(PyroModule):
         super().__init__()
         self.visual = visual
         self.diffuse_class = diffuse_class
-        num_sources = visual.num_sources + diffuse_class
-        self.log_sigma_k = nn.Parameter(torch.full((num_sources,), math.log(initial_sigma)))
+        self.num_sources = visual.num_sources + diffuse_class
+        self.log_sigma_k = nn.Parameter(torch.full((self.num_sources,), math.log(initial_sigma)))
 
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
         """mu_bkd and the 2-D activation maps it was pooled from."""

@@ -20,6 +20,7 @@ from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.directions import GuideParameters
 from avssl_pyro.guides.scene_families import MeanField, SceneFamily, SceneModel
 from avssl_pyro.guides.unconstrained import UnconstrainedGaussian, log_normal_and_dirichlet
+from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 
 # The last step of Adam relative to the first.
 LAST_STEP = 0.05
@@ -92,20 +93,30 @@ class PerSceneGuide(nn.Module):
     it anew; where it is used more than once on the same clips, keep what :meth:`fitted_to` returns.
 
     Args:
-        model: of which the posterior is wanted; its latent sites must be those of ``SpatialCGMM``.
         start: the guide whose answer is the start; it is not changed.
+        model: of which the posterior is wanted; its latent sites must be those of ``SpatialCGMM``.
         family: ``MeanField()`` or ``LowRank(rank)``.
         config: how to fit.
+
+    Raises:
+        InputError: the model's masks are explicit.
     """
+
+    fits_each_clip = True
 
     def __init__(
         self,
-        model: SceneModel,
         start: AnyGuide,
+        model: SceneModel,
         family: SceneFamily = MeanField(),  # noqa: B008
         config: PerSceneConfig = PerSceneConfig(),
     ) -> None:
         super().__init__()
+        if isinstance(model, ExplicitMaskCGMM):
+            raise InputError(
+                "PerSceneGuide: ExplicitMaskCGMM has discrete masks, which no Gaussian can follow; fit to SpatialCGMM, "
+                "whose masks are summed out, for the same posterior."
+            )
         self.model = model
         self.start = start
         self.family = family
@@ -135,7 +146,7 @@ class PerSceneGuide(nn.Module):
         # Handlers around this guide must not see the fit, nor Pyro's global store its parameters.
         with poutine.block(), pyro.get_param_store().scope(), _seeded(config.seed, x_bfmt.device), torch.enable_grad():
             autoguide = self.family.autoguide(self.model, start, x_bfmt, image_bcij)
-            loss = Trace_ELBO()(self.model, autoguide)
+            loss = Trace_ELBO()(self.model, autoguide)  # type: ignore[arg-type]
             optimizer = torch.optim.Adam(autoguide.parameters(), lr=config.learning_rate)
             schedule = torch.optim.lr_scheduler.ExponentialLR(optimizer, LAST_STEP ** (1 / config.steps))
             for _ in range(config.steps):

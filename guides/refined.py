@@ -68,6 +68,8 @@ class RefinedGuide(PyroModule):
         InputError: a prior or the likelihood of the model does not say how the ascent can take it in.
     """
 
+    fits_each_clip = True
+
     def __init__(
         self,
         start: DirectionStart,

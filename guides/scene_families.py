@@ -71,7 +71,7 @@ class LowRank:
     ) -> AutoGuide:
         guide = AutoLowRankMultivariateNormal(model, init_loc_fn=_at_means(start), rank=self.rank)
         _set_up(guide, x_bfmt, image_bcij)
-        guide.scale = start.scale_bn[0, _sites_in_order(guide, start.num_sources).argsort()]
+        guide.scale = start.scale_bn[0, _sites_in_order(guide, start.num_sources).argsort()]  # type: ignore[assignment]
         # Loadings are relative to the scale.
         guide.cov_factor.data.mul_(FIRST_LOADING)
         return guide
@@ -85,7 +85,7 @@ class LowRank:
 
 def _at_means(start: UnconstrainedGaussian) -> Callable[[dict[str, Any]], Tensor]:
     level_bk = StickBreakingTransform()(start.loc_bn[:, start.num_weights :])
-    return init_to_value(values=dict(zip(SITES, (start.mu_bkd.exp(), level_bk), strict=True)))  # type: ignore[return-value]
+    return init_to_value(values=dict(zip(SITES, (start.mu_bkd.exp(), level_bk), strict=True)))
 
 
 def _set_up(autoguide: AutoGuide, x_bfmt: Tensor, image_bcij: Tensor) -> None:
@@ -100,6 +100,7 @@ def _set_up(autoguide: AutoGuide, x_bfmt: Tensor, image_bcij: Tensor) -> None:
 
 
 def _sites(autoguide: AutoGuide) -> list[str]:
+    assert autoguide.prototype_trace is not None
     return [name for name, _ in autoguide.prototype_trace.iter_stochastic_nodes()]
 
 

@@ -12,6 +12,7 @@ import pyro.distributions as dist
 import torch
 from pyro.distributions import TorchDistribution
 from torch import Tensor
+from torch.distributions import constraints
 from torch.distributions.transforms import ExpTransform
 
 from avssl_pyro.acoustics.grid import DirectionGrid
@@ -157,6 +158,12 @@ class HalfNormalWeights:
         return HalfNormalLogWeights(self.sigma)
 
 
+class _PositiveMixture(dist.MixtureSameFamily):
+    """Of log-normals; says that its draws are positive in words that autoguides understand."""
+
+    support = constraints.positive
+
+
 @dataclass(frozen=True)
 class SpikeAndSlabWeights:
     """log w_kd ~ share N(0, sigma^2) + (1 - share) N(-depth, sigma^2): a class sounds from few directions.
@@ -179,7 +186,7 @@ class SpikeAndSlabWeights:
     def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
         part_kdj, mean_kdj = (part_j.expand(num_sources, num_directions, 2) for part_j in self._components(like))
         components = dist.LogNormal(mean_kdj, like.new_tensor(self.sigma))
-        return dist.MixtureSameFamily(dist.Categorical(part_kdj), components).to_event(2)
+        return _PositiveMixture(dist.Categorical(part_kdj), components).to_event(2)
 
     def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:  # noqa: ARG002
         """The same over log w."""

@@ -33,7 +33,7 @@ def model() -> SpatialCGMM:
 
 @pytest.fixture
 def start() -> RefinedGuide:
-    return RefinedGuide(BlindStart(K, DirectionGrid(D)), STEERING_FDM, RefinementConfig(softening=1.0))
+    return RefinedGuide(BlindStart(K, DirectionGrid(D)), SpatialCGMM(STEERING_FDM, K), RefinementConfig(softening=1.0))
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def mean_elbo(model: SpatialCGMM, guide: torch.nn.Module, data: tuple[Tensor, Te
 def test_a_fit_raises_the_elbo_of_its_start(
     family: SceneFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
-    fitted = PerSceneGuide(model, start, family).fitted_to(*data)
+    fitted = PerSceneGuide(start, model, family).fitted_to(*data)
     assert mean_elbo(model, fitted, data) > mean_elbo(model, start, data) + 20
 
 
@@ -67,7 +67,7 @@ def test_the_elbo_estimated_by_pyro_is_that_of_the_guide_itself(
     family: SceneFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
     """One draw of the guide, whose fit must leave no trace in the estimator's."""
-    trace = pyro.poutine.trace(PerSceneGuide(model, start, family, QUICK)).get_trace(*data)
+    trace = pyro.poutine.trace(PerSceneGuide(start, model, family, QUICK)).get_trace(*data)
     assert trace.stochastic_nodes == ["clip", "direction_weights", "mixing_levels"]
     assert not trace.observation_nodes
     assert trace.nodes["direction_weights"]["value"].shape == (B, K, D)
@@ -82,7 +82,7 @@ def test_the_elbo_estimated_by_pyro_is_that_of_the_guide_itself(
 def test_a_clip_does_not_depend_on_its_batch_nor_a_fit_on_the_state_around_it(
     family: SceneFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
-    guide = PerSceneGuide(model, start, family, QUICK)
+    guide = PerSceneGuide(start, model, family, QUICK)
     together = guide.parameters_of(*data)
     torch.manual_seed(7)
     expected = torch.rand(())
@@ -109,7 +109,7 @@ class LevelsFirst(SpatialCGMM):
 def test_a_model_may_draw_its_sites_in_any_order(
     family: SceneFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
-    fitted = PerSceneGuide(LevelsFirst(STEERING_FDM, K), start, family).fitted_to(*data)
+    fitted = PerSceneGuide(start, LevelsFirst(STEERING_FDM, K), family).fitted_to(*data)
     assert mean_elbo(model, fitted, data) > mean_elbo(model, start, data)
 
 
@@ -119,7 +119,7 @@ def test_a_model_with_other_latents_is_refused(start: RefinedGuide, data: tuple[
         SpatialCGMM(STEERING_FDM, K)(x_bfmt, image_bcij)
 
     with pytest.raises(InputError, match="temperature"):
-        PerSceneGuide(more, start).fitted_to(*data)
+        PerSceneGuide(start, more).fitted_to(*data)
 
 
 def test_settings_out_of_range_are_refused() -> None:
@@ -140,10 +140,10 @@ def test_matching_moments_returns_the_dirichlet_the_levels_were_drawn_from() -> 
 def test_a_start_of_emptied_classes_stays_finite(model: SpatialCGMM, data: tuple[Tensor, Tensor]) -> None:
     class Emptied(torch.nn.Module):
         def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> object:
-            parameters = RefinedGuide(BlindStart(K, DirectionGrid(D)), STEERING_FDM, RefinementConfig()).parameters_of(
-                x_bfmt, image_bcij
-            )
+            parameters = RefinedGuide(
+                BlindStart(K, DirectionGrid(D)), SpatialCGMM(STEERING_FDM, K), RefinementConfig()
+            ).parameters_of(x_bfmt, image_bcij)
             return parameters._replace(concentration_bk=torch.tensor([[1e-3, 1e7, 1e-3]] * B))
 
-    for value in PerSceneGuide(model, Emptied(), MeanField(), QUICK).parameters_of(*data):
+    for value in PerSceneGuide(Emptied(), model, MeanField(), QUICK).parameters_of(*data):
         assert torch.isfinite(value).all()
