@@ -17,9 +17,12 @@ from nbclient.exceptions import CellExecutionError
 from avssl_pyro.atomic_file import write_atomically
 
 CELL_TIMEOUT_S = 600
-# The kernel warns of itself when it shuts down.
-FIRST_LINE = "import warnings as w; w.simplefilter('error'); w.filterwarnings('ignore', module='ipykernel'); del w"
-KERNEL_ARGUMENTS = [f"--IPKernelApp.exec_lines={FIRST_LINE}", "--IPKernelApp.log_level=ERROR"]
+# The kernel warns of itself when it shuts down, and ArviZ of its own future, once a day.
+WARNINGS = "w.simplefilter('error'); w.filterwarnings('ignore', module='ipykernel|arviz')"
+KERNEL_ARGUMENTS = [
+    f"--IPKernelApp.exec_lines=import warnings as w; {WARNINGS}; del w",
+    "--IPKernelApp.log_level=ERROR",
+]
 
 
 @dataclass(frozen=True)

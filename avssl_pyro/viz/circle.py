@@ -10,6 +10,7 @@ from typing import cast
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 
@@ -97,7 +98,16 @@ def draw_circles(circles: Mapping[str, Circle], columns: int = 4) -> Figure:
         for k in np.argsort(-radius_kd.max(-1)):
             color = color_of(int(k), OKABE_ITO)
             edge = tuple(EDGE_SHADE * part for part in color)
-            ax.bar(grid.azimuths, radius_kd[k], grid.spacing, color=color, edgecolor=edge, linewidth=0.3, alpha=0.85)
+            ax.add_collection(
+                PolyCollection(
+                    list(_wedges(grid, radius_kd[k])),
+                    facecolor=color,
+                    edgecolor=edge,
+                    linewidth=0.3,
+                    alpha=0.85,
+                    zorder=2,
+                )
+            )
         for source in circle.sources:
             reach = min(2 * source.azimuth_std, np.pi)
             arc = np.linspace(source.azimuth - reach, source.azimuth + reach, 64)
@@ -164,6 +174,12 @@ def _panels(titles: Sequence[str], columns: int) -> tuple[Figure, list[PolarAxes
         ax.spines["polar"].set_color("0.8")
         ax.set_title(title, fontsize=9, fontweight="bold")
     return figure, panels
+
+
+def _wedges(grid: DirectionGrid, radius_d: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Corners (azimuth, radius) of a wedge for every direction, (D, 4, 2); one artist draws them faster than D bars."""
+    side_d4 = grid.azimuths[:, None] + grid.spacing / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
+    return np.stack([side_d4, radius_d[:, None] * np.array([0.0, 1.0, 1.0, 0.0])], axis=-1)
 
 
 def _draw_truth(ax: PolarAxes, talkers: Sequence[float], silent: Sequence[float]) -> None:

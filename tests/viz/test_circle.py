@@ -28,6 +28,10 @@ def middle_of_color(figure):
     return image_ijc.shape[0] / 2 - rows.mean(), image_ijc.shape[1] / 2 - columns.mean()
 
 
+def largest_radius(ax):
+    return max(path.vertices[:, 1].max() for wedges in ax.collections for path in wedges.get_paths())
+
+
 def peaked(azimuth_deg):
     weights_d = np.full(GRID.num_directions, 1e-4)
     weights_d[int(GRID.nearest(np.deg2rad(azimuth_deg)))] = 1.0
@@ -81,7 +85,7 @@ def test_circles_stand_side_by_side_on_one_scale():
     assert five.shape[0] == pytest.approx(2 * one.shape[0], abs=3)
     sharp, wide = peaked(0), np.ones(72)
     alone, beside = draw_circles({"wide": Circle([wide])}), draw_circles({"wide": Circle([wide]), "b": Circle([sharp])})
-    heights = [max(bar.get_height() for bar in figure.axes[0].patches) for figure in (alone, beside)]
+    heights = [largest_radius(figure.axes[0]) for figure in (alone, beside)]
     assert heights[0] == pytest.approx(1.0)
     assert heights[1] == pytest.approx(72**-0.5, rel=0.01)
 
