@@ -1,7 +1,7 @@
 """What the guides have in common: the posterior of direction weights given the picture, q(w | image)."""
 
 import math
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, Self
 
 import pyro.distributions as dist
 import torch
@@ -39,6 +39,22 @@ class DirectionStart(Protocol):
         ...
 
 
+class PosteriorGuide(Protocol):
+    """A guide as localization sees it; every guide of this package is one, and each is a torch module."""
+
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
+        """Variational parameters of spectrograms (B, F, M, T) and images (B, 3, I, J)."""
+        ...
+
+    def to(self, device: torch.device) -> Self:
+        """As of :class:`torch.nn.Module`."""
+        ...
+
+    def eval(self) -> Self:
+        """As of :class:`torch.nn.Module`."""
+        ...
+
+
 class DirectionGuide(PyroModule):
     """q(w | image) = LogNormal(mu, sigma_k^2) with mu from the visual network and sigma_k learned.
 
@@ -53,8 +69,8 @@ class DirectionGuide(PyroModule):
         super().__init__()
         self.visual = visual
         self.diffuse_class = diffuse_class
-        num_sources = visual.num_sources + diffuse_class
-        self.log_sigma_k = nn.Parameter(torch.full((num_sources,), math.log(initial_sigma)))
+        self.num_sources = visual.num_sources + diffuse_class
+        self.log_sigma_k = nn.Parameter(torch.full((self.num_sources,), math.log(initial_sigma)))
 
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
         """mu_bkd and the 2-D activation maps it was pooled from."""

@@ -3,24 +3,24 @@
 A single forward pass knows what such pictures and recordings have in common; a few rounds of closed-form ascent of the
 posterior fit the one at hand. The visual network says where to start and, if wanted, gives a prior that keeps the
 picture in. All classes start at equal levels: one that starts quiet stays so, and a talker it alone looks at is lost.
-The standard deviations of log w are lower bounds, see :mod:`avssl_pyro.distributions.ascent`.
+The standard deviations of log w are lower bounds, see :mod:`avssl_pyro.distributions.ascent`. Priors and likelihood are
+the model's, see :mod:`avssl_pyro.guides.model_ascent` for those that can be swapped.
 """
 
 from dataclasses import dataclass
 
-import pyro
-import pyro.distributions as dist
 import torch
 import torch.nn.functional as F
 from pyro.nn import PyroModule
 from torch import Tensor
 
-from avssl_pyro.acoustics.covariance import template_covariances
-from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent, MixturePoint
-from avssl_pyro.distributions.profiled_gaussian import observe
+from avssl_pyro.distributions.ascent import MixtureAscent, MixturePoint
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.directions import DirectionStart, GuideParameters
+from avssl_pyro.guides.fitted import FittedPosterior
+from avssl_pyro.guides.model_ascent import check_ascent, model_ascent
+from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 # Twice the closed-form step, until it overshoots for the first time.
 OVERRELAXATION = 2.0
@@ -35,12 +35,8 @@ class RefinementConfig:
         tolerance: a clip has arrived when its log-likelihood per time-frequency bin rises by less in a round.
         softening: the networks' log-weights are multiplied by it to start with; a start that is too sure of itself
             locks in, one that is flat forgets the picture.
-        prior_sigma: of log w about its prior mean, sigma_0 of the model.
         image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu). The picture
             decides where the climb starts in any case; with a weight it also holds it back.
-        alpha: concentration of the Dirichlet prior of mixing levels.
-        diffuse: eps of the model.
-        bin_weight: every bin stands for so many, as in the model.
         extra_classes: source classes added to those of the networks; they start looking everywhere alike.
         bin_step, frame_step: every how many frequencies and frames are used; neighbours tell nearly the same.
     """
@@ -48,11 +44,7 @@ class RefinementConfig:
     rounds: int = 30
     tolerance: float = 1e-4
     softening: float = 0.8
-    prior_sigma: float = 1.0
     image_weight: float = 0.0
-    alpha: float = 0.01
-    diffuse: float = 0.1
-    bin_weight: float = 1.0
     extra_classes: int = 0
     bin_step: int = 1
     frame_step: int = 1
@@ -68,23 +60,33 @@ class RefinedGuide(PyroModule):
 
     Args:
         start: the trained guide, or another start; it is not changed.
-        steering_fdm: steering vectors of the spectrogram's frequencies, complex (F, D, M).
+        model: whose posterior is climbed.
         config: how far to go.
+
+    Raises:
+        InputError: a prior or the likelihood of the model does not say how the ascent can take it in.
     """
 
-    def __init__(self, start: DirectionStart, steering_fdm: Tensor, config: RefinementConfig) -> None:
+    fits_each_clip = True
+
+    def __init__(
+        self,
+        start: DirectionStart,
+        model: SpatialCGMM,
+        config: RefinementConfig = RefinementConfig(),
+    ) -> None:
         super().__init__()
+        check_ascent(model)
         self.start = start
+        self.model = model
         self.config = config
-        template_dfmm = template_covariances(steering_fdm[:: config.bin_step])
-        self.template_pairs: Tensor
-        self.register_buffer("template_pairs", torch.view_as_real(template_dfmm), persistent=False)
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
-        parameters = self.parameters_of(x_bfmt, image_bcij)
-        with pyro.plate("clip", x_bfmt.shape[0], dim=-1):
-            pyro.sample("direction_weights", dist.LogNormal(parameters.mu_bkd, parameters.sigma_bkd).to_event(2))
-            pyro.sample("mixing_levels", dist.Dirichlet(parameters.concentration_bk))
+        self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
+
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FittedPosterior:
+        """A guide of these clips, to be used more than once without climbing again."""
+        return FittedPosterior(self.parameters_of(x_bfmt, image_bcij))
 
     @torch.no_grad()
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
@@ -104,13 +106,14 @@ class RefinedGuide(PyroModule):
 
     def _ascent(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixtureAscent:
         config = self.config
-        observed = observe(x_bfmt[:, :: config.bin_step, :, :: config.frame_step])
-        prior = LogWeightPrior(config.image_weight * mu_bkd, mu_bkd.new_tensor(config.prior_sigma**-2))
-        # A thinned spectrogram stands for the whole one.
-        _, f, _, t = observed.features_bfct.shape
-        weight = config.bin_weight * x_bfmt.shape[1] * x_bfmt.shape[-1] / (f * t)
-        template_dfmm = torch.view_as_complex(self.template_pairs)
-        return MixtureAscent(observed, template_dfmm, config.diffuse, prior, config.alpha, weight)
+        return model_ascent(
+            self.model,
+            x_bfmt,
+            mu_bkd,
+            bin_step=config.bin_step,
+            frame_step=config.frame_step,
+            prior_mean=config.image_weight * mu_bkd,
+        )
 
     def _climb(self, ascent: MixtureAscent, log_w_bkd: Tensor, pi_bk: Tensor) -> MixturePoint:
         point = ascent.step(log_w_bkd, pi_bk)

@@ -21,6 +21,8 @@ from torch import Size, Tensor
 from torch.distributions import constraints
 
 from avssl_pyro.distributions.profiled_gaussian import RELATIVE_POWER_FLOOR
+from avssl_pyro.errors import InputError
+from avssl_pyro.models.likelihoods import ProfiledGaussian
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 
@@ -59,11 +61,19 @@ class ProfiledBin(TorchDistribution):
 class ExplicitMaskCGMM(SpatialCGMM):
     """:class:`SpatialCGMM` with a ``mask`` site per time-frequency bin; memory-hungry, for tests and small clips.
 
-    Takes the arguments of :class:`SpatialCGMM`.
+    Takes the arguments of :class:`SpatialCGMM`; the only likelihood is the paper's.
+
+    Raises:
+        InputError: another likelihood.
     """
 
     def __init__(self, steering_fdm: Tensor, *args: Any, **kwargs: Any) -> None:
         super().__init__(steering_fdm, *args, **kwargs)
+        if not isinstance(self.likelihood, ProfiledGaussian):
+            raise InputError(
+                f"ExplicitMaskCGMM: bins are independent given their masks under ProfiledGaussian alone, not under "
+                f"{self.likelihood}; use SpatialCGMM, which has its masks summed out."
+            )
         self.steering_pairs: Tensor
         self.register_buffer("steering_pairs", torch.view_as_real(steering_fdm), persistent=False)
 

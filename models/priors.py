@@ -1,11 +1,32 @@
-"""Priors of the spatial mixture: small objects that return a distribution, made to be swapped."""
+"""Priors of the spatial mixture: small objects that return a distribution, made to be swapped.
 
+Besides the distribution, a prior may say how the closed-form refinement folds it in (``pseudo_counts``,
+``of_log_weights``); one that does not is for guides that are fitted by gradients.
+"""
+
+import math
 from dataclasses import dataclass
 from typing import Protocol
 
 import pyro.distributions as dist
+import torch
 from pyro.distributions import TorchDistribution
 from torch import Tensor
+from torch.distributions import constraints
+from torch.distributions.transforms import ExpTransform
+
+from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.distributions.log_ratio import AdditiveLogRatio
+from avssl_pyro.distributions.log_weight_priors import (
+    CorrelatedLogWeights,
+    GammaLogWeights,
+    HalfNormalLogWeights,
+    LogWeightPrior,
+    MixedLogWeights,
+    NormalLogWeights,
+)
+from avssl_pyro.distributions.stick_breaking import TruncatedStickBreaking
+from avssl_pyro.errors import InputError
 
 
 class LevelPrior(Protocol):
@@ -25,13 +46,63 @@ class DirectionPrior(Protocol):
 
 
 @dataclass(frozen=True)
-class SparseDirichlet:
+class SymmetricDirichlet:
+    """pi ~ Dir(alpha, ..., alpha); alpha = 1 likes all levels alike."""
+
+    alpha: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "alpha")
+
+    def __call__(self, num_sources: int, like: Tensor) -> TorchDistribution:
+        return dist.Dirichlet(self.pseudo_counts(num_sources, like))
+
+    def pseudo_counts(self, num_sources: int, like: Tensor) -> Tensor:
+        """Time-frequency bins that every class is given before anything is heard, (K,)."""
+        return like.new_full((num_sources,), self.alpha)
+
+
+@dataclass(frozen=True)
+class SparseDirichlet(SymmetricDirichlet):
     """pi ~ Dir(alpha, ..., alpha); alpha < 1 shrinks source classes that are not needed (Sec. III-C)."""
 
     alpha: float = 0.01
 
+
+@dataclass(frozen=True)
+class StickBreaking:
+    """A Dirichlet process cut off after K classes (Sethuraman 1994): the first classes are the loud ones.
+
+    Args:
+        concentration: the smaller, the fewer classes share the sound.
+    """
+
+    concentration: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "concentration")
+
     def __call__(self, num_sources: int, like: Tensor) -> TorchDistribution:
-        return dist.Dirichlet(like.new_full((num_sources,), self.alpha))
+        return TruncatedStickBreaking(like.new_tensor(self.concentration), num_sources)
+
+
+@dataclass(frozen=True)
+class LogisticNormal:
+    """pi = softmax(z) with z_k ~ N(0, sigma^2) (Aitchison 1986); levels are never quite 0."""
+
+    sigma: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "sigma")
+
+    def __call__(self, num_sources: int, like: Tensor) -> TorchDistribution:
+        if num_sources == 1:
+            return dist.Dirichlet(like.new_ones(1))
+        # Of z_k - z_K, which all classes but the last have; they share the last one's part.
+        ratios = num_sources - 1
+        covariance = self.sigma**2 * (torch.eye(ratios, dtype=like.dtype, device=like.device) + 1)
+        normal = dist.MultivariateNormal(like.new_zeros(ratios), covariance_matrix=covariance)
+        return dist.TransformedDistribution(normal, [AdditiveLogRatio()])
 
 
 @dataclass(frozen=True)
@@ -40,6 +111,135 @@ class LogNormalWeights:
 
     sigma: float = 1.0
 
+    def __post_init__(self) -> None:
+        _require_positive(self, "sigma")
+
     def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
         zero = like.new_zeros(num_sources, num_directions)
         return dist.LogNormal(zero, like.new_full((), self.sigma)).to_event(2)
+
+    def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:  # noqa: ARG002
+        """The same over log w."""
+        return NormalLogWeights(self.sigma)
+
+
+@dataclass(frozen=True)
+class GammaWeights:
+    """w_kd ~ Gamma(shape, rate = shape), of mean 1; a small shape lets most directions fall silent."""
+
+    shape: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "shape")
+
+    def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
+        shape_kd = like.new_full((num_sources, num_directions), self.shape)
+        return dist.Gamma(shape_kd, shape_kd).to_event(2)
+
+    def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:  # noqa: ARG002
+        """The same over log w."""
+        return GammaLogWeights(self.shape)
+
+
+@dataclass(frozen=True)
+class HalfNormalWeights:
+    """w_kd = |v| with v ~ N(0, sigma^2): no direction stands out far, any may be silent."""
+
+    sigma: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "sigma")
+
+    def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
+        return dist.HalfNormal(like.new_full((num_sources, num_directions), self.sigma)).to_event(2)
+
+    def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:  # noqa: ARG002
+        """The same over log w."""
+        return HalfNormalLogWeights(self.sigma)
+
+
+class _PositiveMixture(dist.MixtureSameFamily):
+    """Of log-normals; says that its draws are positive in words that autoguides understand."""
+
+    support = constraints.positive
+
+
+@dataclass(frozen=True)
+class SpikeAndSlabWeights:
+    """log w_kd ~ share N(0, sigma^2) + (1 - share) N(-depth, sigma^2): a class sounds from few directions.
+
+    Args:
+        share: of the directions that a class may sound from.
+        depth: how far below them the others are, in units of log w.
+        sigma: spread of either.
+    """
+
+    share: float = 0.1
+    depth: float = 4.0
+    sigma: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "depth", "sigma")
+        if not 0 < self.share < 1:
+            raise InputError(f"SpikeAndSlabWeights: share is {self.share}; it must be between 0 and 1.")
+
+    def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
+        part_kdj, mean_kdj = (part_j.expand(num_sources, num_directions, 2) for part_j in self._components(like))
+        components = dist.LogNormal(mean_kdj, like.new_tensor(self.sigma))
+        return _PositiveMixture(dist.Categorical(part_kdj), components).to_event(2)
+
+    def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:  # noqa: ARG002
+        """The same over log w."""
+        share_j, mean_j = self._components(like)
+        return MixedLogWeights(share_j.log(), mean_j, self.sigma)
+
+    def _components(self, like: Tensor) -> tuple[Tensor, Tensor]:
+        return like.new_tensor([self.share, 1 - self.share]), like.new_tensor([0.0, -self.depth])
+
+
+@dataclass(frozen=True)
+class CircularWeights:
+    """log w_k ~ a Gaussian process around the circle, so that neighbours share.
+
+    Two directions at an angle have covariance sigma^2 ((1 - rough) exp((cos(angle) - 1) / width^2) + rough [same]).
+
+    Args:
+        sigma: of every log-weight.
+        width_deg: angle over which log-weights stay alike, degrees.
+        rough: share of the variance that neighbours do not have in common.
+    """
+
+    sigma: float = 1.0
+    width_deg: float = 15.0
+    rough: float = 0.1
+
+    def __post_init__(self) -> None:
+        _require_positive(self, "sigma", "width_deg")
+        # Without it a wide process has no density in float32: its covariance is singular to rounding.
+        if not 1e-3 <= self.rough <= 1:
+            raise InputError(f"CircularWeights: rough is {self.rough}; it must be from 0.001 to 1.")
+
+    def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
+        zero_kd = like.new_zeros(num_sources, num_directions)
+        process = dist.MultivariateNormal(zero_kd, covariance_matrix=self.covariance(num_directions, like))
+        return dist.TransformedDistribution(process.to_event(1), [ExpTransform()])
+
+    def covariance(self, num_directions: int, like: Tensor) -> Tensor:
+        """Of the log-weights of a class, (D, D)."""
+        azimuth_d = torch.from_numpy(DirectionGrid(num_directions).azimuths)
+        closeness_dd = (azimuth_d[:, None] - azimuth_d).cos() - 1
+        smooth_dd = torch.exp(closeness_dd / math.radians(self.width_deg) ** 2)
+        same_dd = torch.eye(num_directions, dtype=torch.float64)
+        return (self.sigma**2 * ((1 - self.rough) * smooth_dd + self.rough * same_dd)).to(like)
+
+    def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:
+        """The same over log w."""
+        covariance_dd = self.covariance(num_directions, like.new_zeros((), dtype=torch.float64))
+        return CorrelatedLogWeights(torch.linalg.inv(covariance_dd).to(like))
+
+
+def _require_positive(prior: object, *names: str) -> None:
+    for name in names:
+        value = getattr(prior, name)
+        if not 0 < value < math.inf:
+            raise InputError(f"{type(prior).__name__}: {name} is {value}; it must be positive.")

@@ -14,12 +14,12 @@ from pyro.nn import PyroModule
 from torch import Tensor
 
 from avssl_pyro.acoustics.covariance import template_covariances
-from avssl_pyro.distributions.spatial_mixture import SpatialMixture
+from avssl_pyro.models.likelihoods import Likelihood, ProfiledGaussian
 from avssl_pyro.models.priors import DirectionPrior, LevelPrior, LogNormalWeights, SparseDirichlet
 
 
 class SpatialCGMM(PyroModule):
-    """p(w) p(pi) p(x | w, pi) of Eqs. (9)-(11), masks marginalised and power spectral densities profiled out.
+    """p(w) p(pi) p(x | w, pi) of Eqs. (9)-(11), masks marginalised; by default power spectra are profiled out.
 
     Args:
         steering_fdm: steering vectors a_fd, complex (F, D, M); its precision is the model's.
@@ -29,6 +29,7 @@ class SpatialCGMM(PyroModule):
         diffuse: eps of Eq. (10) relative to the summed weights.
         bin_weight: every observed time-frequency bin stands for so many, where others were left out (a subsampled
             plate); it balances the likelihood against the priors.
+        likelihood: p(x | w, pi) (site ``spectrogram``).
     """
 
     def __init__(
@@ -39,6 +40,7 @@ class SpatialCGMM(PyroModule):
         direction_prior: DirectionPrior = LogNormalWeights(sigma=1.0),  # noqa: B008
         diffuse: float = 0.1,
         bin_weight: float = 1.0,
+        likelihood: Likelihood = ProfiledGaussian(),  # noqa: B008
     ) -> None:
         super().__init__()
         self.num_sources = num_sources
@@ -46,6 +48,7 @@ class SpatialCGMM(PyroModule):
         self.direction_prior = direction_prior
         self.diffuse = diffuse
         self.bin_weight = bin_weight
+        self.likelihood = likelihood
         # Kept as real pairs: module.to(dtype) and the buffer broadcast of data parallelism mishandle complex buffers.
         self.template_pairs: Tensor
         self.register_buffer("template_pairs", torch.view_as_real(template_covariances(steering_fdm)), persistent=False)
@@ -62,8 +65,6 @@ class SpatialCGMM(PyroModule):
         with full_precision, pyro.plate("clip", x_bfmt.shape[0], dim=-1):
             w_bkd = pyro.sample("direction_weights", self.direction_prior(self.num_sources, num_directions, like))
             pi_bk = pyro.sample("mixing_levels", self.level_prior(self.num_sources, like))
-            mixture = SpatialMixture(
-                self.template_dfmm, w_bkd, pi_bk, num_frames=x_bfmt.shape[-1], diffuse=self.diffuse
-            )
+            of_x = self.likelihood(self.template_dfmm, w_bkd, pi_bk, x_bfmt.shape[-1], self.diffuse)
             with pyro.poutine.scale(scale=self.bin_weight):
-                pyro.sample("spectrogram", mixture, obs=x_bfmt)
+                pyro.sample("spectrogram", of_x, obs=x_bfmt)

@@ -38,6 +38,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.line_up import system_band_hz
 from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.closed_form import kl_dirichlet, kl_log_normal
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.memory import keep_freed_memory
@@ -192,7 +193,7 @@ def _localizing(options: BenchmarkOptions) -> dict[str, float]:
     system = load_pretrained(resolve_array(options.array)).system
     amortized = Localizer(system)
     # A tolerance that nothing meets: every clip takes all rounds, as in the slowest case.
-    refined = Localizer(system, refinement=system.refinement(tolerance=-math.inf))
+    refined = Localizer(system, refinement=RefinementConfig(tolerance=-math.inf))
     clips = _noise(options)
     baselines = default_baselines(system.config.array, system.config.grid, freq_range_hz=system_band_hz(system))
     contenders: dict[str, Callable[[], Any]] = {

@@ -23,6 +23,7 @@ from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.evaluation.posterior_method import PosteriorMethod
 from avssl_pyro.evaluation.recording_comparison import NEAR_DEG, comparison_tables
 from avssl_pyro.evaluation.report import print_tables
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.by_ear import localizer_by_ear
 from avssl_pyro.inference.localization import SourceThresholds
 from avssl_pyro.inference.system import SystemConfig, build_system
@@ -119,7 +120,7 @@ def _ours(
     preset = PRESETS["two-cores"]
     model = replace(preset.model, num_sources=options.classes)
     system = build_system(SystemConfig(array, model, stft=preset.stft))
-    localizer = localizer_by_ear(system, system.refinement(rounds=options.rounds), pause_db=options.pause_db)
+    localizer = localizer_by_ear(system, RefinementConfig(rounds=options.rounds), pause_db=options.pause_db)
     # One by one, for they need not be of equal length.
     method = PosteriorMethod(OURS, localizer.posteriors, system.config.grid, batch_size=1)
     heard = method.observe_all(tqdm(clips, desc=OURS))

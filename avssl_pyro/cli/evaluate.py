@@ -149,7 +149,7 @@ def _line_ups(options: EvaluateOptions) -> list[LineUp]:
         LineUp(
             system,
             by_array.get(system.config.array, system),
-            system.refinement(rounds=options.rounds),
+            RefinementConfig(rounds=options.rounds),
             system_band_hz(system) if options.same_band else DEFAULT_BAND_HZ,
             options.workers,
             options.device,

@@ -12,6 +12,7 @@ import tyro
 from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.errors import InputError
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.localization import REFINED_THRESHOLDS, select_sources
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.pretrained import MOST_GENERAL
@@ -92,7 +93,7 @@ def chosen_scenes(dataset: SceneDataset, talkers: int, most: int) -> list[int]:
 
 def refining_localizer(system: System) -> Localizer:
     """What :func:`overlay_of` wants: one for all scenes."""
-    return Localizer(system, refinement=system.refinement())
+    return Localizer(system, refinement=RefinementConfig())
 
 
 def overlay_of(localizer: Localizer, dataset: SceneDataset, index: int) -> npt.NDArray[np.uint8]:

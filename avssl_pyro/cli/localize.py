@@ -90,7 +90,7 @@ def main(args: Sequence[str] | None = None) -> int | None:
         raise InputError(f"--overlay {options.overlay}: pictures are written as PNG; give a name that ends in .png.")
     if options.rounds < 0:
         raise InputError(f"--rounds is {options.rounds}; give a number of rounds of refinement, or 0 for none.")
-    refinement = system.refinement(rounds=options.rounds) if options.rounds else None
+    refinement = RefinementConfig(rounds=options.rounds) if options.rounds else None
     localizer = Localizer(system, options.device, refinement=refinement)
     thresholds = options.thresholds
     if whole:

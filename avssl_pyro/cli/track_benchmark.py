@@ -16,6 +16,7 @@ from avssl_pyro.evaluation.heard_recordings import HeardRecordings
 from avssl_pyro.evaluation.simulated_detections import DetectorConfig
 from avssl_pyro.evaluation.tracking_experiment import SimulatedRecordings, compare
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.by_ear import localizer_by_ear
 from avssl_pyro.inference.system import ModelConfig, SystemConfig, build_system
 from avssl_pyro.inference.tracking import TrackingConfig
@@ -67,7 +68,7 @@ def _simulated(options: TrackBenchmarkOptions) -> SimulatedRecordings:
 
 def _heard(options: TrackBenchmarkOptions) -> HeardRecordings:
     system = build_system(SystemConfig(resolve_array(options.array), ModelConfig(num_sources=options.classes)))
-    localizer = localizer_by_ear(system, system.refinement(rounds=options.rounds))
+    localizer = localizer_by_ear(system, RefinementConfig(rounds=options.rounds))
     return HeardRecordings(
         localizer, talkers=options.talkers, audio=options.audio, count=options.recordings, seed=options.seed
     )

@@ -7,10 +7,10 @@ the trace and linearising the log determinant bounds the log-likelihood of a cla
     - w_d (old)^2 pull_d / w_d - push_d w_d
 
 with pull_d = sum_f a^H P Phi P a and push_d = sum_f n_f a^H P a. Without a prior its maximum is the multiplicative
-update w <- w (pull / push)^(1/2) of non-negative matrix factorisation. With a normal prior of log w the maximum of
-bound plus prior is found by Newton's method in one dimension. Either way the objective never falls, and no step size
-is needed. The curvature of the bound at its maximum is at least that of the posterior, so the spread it gives is a
-lower bound: it knows nothing of weights that can trade places.
+update w <- w (pull / push)^(1/2) of non-negative matrix factorisation. With a prior of log w the maximum of bound plus
+prior is found by Newton's method. Either way the objective never falls, and no step size is needed. The curvature of
+the bound at its maximum is at least that of the posterior, so the spread it gives is a lower bound: it knows nothing of
+weights that can trade places.
 """
 
 from dataclasses import dataclass
@@ -25,6 +25,7 @@ from avssl_pyro.acoustics.covariance import (
     spatial_covariance,
     template_features,
 )
+from avssl_pyro.distributions.log_weight_priors import LogWeightPrior
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, quadratic_form
 
 NEWTON_STEPS = 4
@@ -33,16 +34,16 @@ LONGEST_STEP = 2.0
 
 
 @dataclass(frozen=True)
-class LogWeightPrior:
-    """A normal prior of log w, broadcast against (B, K, D).
+class Tail:
+    """log p(x | k) = -power log(x^H P x + offset) - log det H + const, in which the power spectral density is gone.
 
     Args:
-        mean: of log w; 0 for the model's own prior, the visual network's mu to keep the image in.
-        precision: 1 / sigma^2.
+        power: M if the density is profiled out (Eq. 14), more if an inverse gamma prior is integrated over.
+        offset_b: in units of the scaled x of :class:`ObservedSpectrogram`, (B,).
     """
 
-    mean: Tensor
-    precision: Tensor
+    power: float
+    offset_b: Tensor
 
 
 @dataclass(frozen=True)
@@ -83,9 +84,11 @@ class MixtureAscent:
         observed: the clips' spectrograms.
         template_dfmm: direction templates of the same frequencies, complex (D, F, M, M).
         diffuse: eps relative to the summed weights.
-        prior: of log w.
-        alpha: concentration of the Dirichlet prior of mixing levels.
+        tail: what the likelihood makes of x^H P x.
+        prior: of log w, about ``prior_mean``.
+        alpha: concentration of the Dirichlet prior of mixing levels, a number or (K,).
         weight: every observed bin counts so often; a thinned spectrogram then holds its own against the priors.
+        prior_mean: broadcast against (B, K, D); 0, or a share of the visual network's mu to keep the picture in.
     """
 
     def __init__(
@@ -93,15 +96,19 @@ class MixtureAscent:
         observed: ObservedSpectrogram,
         template_dfmm: Tensor,
         diffuse: float,
+        tail: Tail,
         prior: LogWeightPrior,
-        alpha: float,
+        alpha: Tensor | float,
         weight: float = 1.0,
+        prior_mean: Tensor | float = 0.0,
     ) -> None:
         self._observed = observed
         self._template_dfmm = template_dfmm
         self._features_cd = template_features(template_dfmm).flatten(1).T.contiguous()
         self._diffuse = diffuse
+        self._tail = tail
         self._prior = prior
+        self._prior_mean = prior_mean
         self._alpha = alpha
         self._weight = weight
 
@@ -114,21 +121,20 @@ class MixtureAscent:
             stretch_b: the change of log w is multiplied by it; 2 is the common overrelaxation, about twice as fast as
                 a rule, but only 1 cannot fall.
         """
-        m = self._observed.num_microphones
         tiny = torch.finfo(pi_bk.dtype).tiny
         share_bkd = log_w_bkd.softmax(-1)
         scm_bkfmm = spatial_covariance(share_bkd, self._template_dfmm, self._diffuse)
         inverse_bkfmm, logdet_bkf = inverse_and_logdet(scm_bkfmm)
-        floor = m * self._observed.floor_b[..., None, None, None]
-        quad_bfkt = quadratic_form(self._observed, inverse_bkfmm).clamp_min_(0).add_(floor)
+        power, offset = self._tail.power, self._tail.offset_b[..., None, None, None]
+        quad_bfkt = quadratic_form(self._observed, inverse_bkfmm).clamp_min_(0).add_(offset)
         bias_bfk = (pi_bk.clamp_min(tiny).log()[..., None] - logdet_bkf).transpose(-2, -1)
-        joint_bfkt = torch.add(bias_bfk[..., None], quad_bfkt.log(), alpha=-m)
+        joint_bfkt = torch.add(bias_bfk[..., None], quad_bfkt.log(), alpha=-power)
         evidence_bft = joint_bfkt.logsumexp(dim=-2)
         gamma_bfkt = joint_bfkt.sub_(evidence_bft[..., None, :]).exp_()
         count_bfk = gamma_bfkt.sum(-1)
 
-        # Phi = M sum_t gamma x x^H / (x^H P x), then P Phi P, both as M^2 real features.
-        phi_bfkc = m * (gamma_bfkt.div_(quad_bfkt) @ self._observed.features_bfct.transpose(-2, -1))
+        # Phi = power sum_t gamma x x^H / (x^H P x + offset), then P Phi P, both as M^2 real features.
+        phi_bfkc = power * (gamma_bfkt.div_(quad_bfkt) @ self._observed.features_bfct.transpose(-2, -1))
         phi_bkfmm = matrix_from_features(phi_bfkc.transpose(-3, -2))
         pull_bkd = self._project(inverse_bkfmm @ phi_bkfmm @ inverse_bkfmm)
         push_bkd = self._project(count_bfk.transpose(-2, -1)[..., None, None] * inverse_bkfmm)
@@ -148,16 +154,20 @@ class MixtureAscent:
         return (projected_bkd + self._diffuse * trace_bk1).clamp_min(0)
 
     def _maximize(self, old_bkd: Tensor, pull_bkd: Tensor, push_bkd: Tensor) -> tuple[Tensor, Tensor]:
-        """argmax over u of - pull e^(old - u) - push e^(u - old) - precision (u - mean)^2 / 2, and the curvature."""
+        """argmax over u of - pull e^(old - u) - push e^(u - old) + log prior(u), and the curvature there."""
         # The likelihood does not depend on the scale of w: put it where the prior likes it before comparing with it.
         change = torch.zeros_like(old_bkd)
         centered_bkd = self._center(old_bkd)
+        about_mean_bkd = centered_bkd - self._prior_mean
         for _ in range(NEWTON_STEPS):
             falling, rising = pull_bkd * (-change).exp(), push_bkd * change.exp()
-            gradient = falling - rising - self._prior.precision * (centered_bkd + change - self._prior.mean)
-            change = change + (gradient / (falling + rising + self._prior.precision)).clamp(-LONGEST_STEP, LONGEST_STEP)
-        precision_bkd = pull_bkd * (-change).exp() + push_bkd * change.exp() + self._prior.precision
+            log_w_bkd = about_mean_bkd + change
+            gradient = falling - rising + self._prior.gradient(log_w_bkd)
+            step = self._prior.newton_step(gradient, falling + rising, log_w_bkd)
+            change = change + step.clamp(-LONGEST_STEP, LONGEST_STEP)
+        precision_bkd = pull_bkd * (-change).exp() + push_bkd * change.exp()
+        precision_bkd = precision_bkd + self._prior.precision(about_mean_bkd + change)
         return self._center(centered_bkd + change), precision_bkd
 
     def _center(self, log_w_bkd: Tensor) -> Tensor:
-        return log_w_bkd - (log_w_bkd - self._prior.mean).mean(-1, keepdim=True)
+        return log_w_bkd + self._prior.shift(log_w_bkd - self._prior_mean)

@@ -82,7 +82,7 @@ class SpatialMixture(TorchDistribution):
         super().__init__(batch_shape, Size((f, m, num_frames)), validate_args=validate_args)
 
     def expand(self, batch_shape: Any, _instance: Any = None) -> "SpatialMixture":
-        new = self._get_checked_instance(SpatialMixture, _instance)
+        new: SpatialMixture = type(self).__new__(type(self)) if _instance is None else _instance
         batch_shape = Size(batch_shape)
         new.template_dfmm = self.template_dfmm
         new.diffuse = self.diffuse
@@ -91,7 +91,7 @@ class SpatialMixture(TorchDistribution):
         new.pi = self.pi.expand(batch_shape + self.pi.shape[-1:])
         new.psd_bfkt = None if self.psd_bfkt is None else self.psd_bfkt.expand(batch_shape + self.psd_bfkt.shape[-3:])
         super(SpatialMixture, new).__init__(batch_shape, self.event_shape, validate_args=False)
-        new._validate_args = self.__dict__.get("_validate_args")
+        new._validate_args = bool(self.__dict__.get("_validate_args"))
         return new
 
     @property
@@ -138,9 +138,14 @@ class SpatialMixture(TorchDistribution):
         noise = torch.randn(*shape, 1, f, m, t, dtype=factor_bkfmm.dtype, device=factor_bkfmm.device)
         psd_bkfmt = self.psd_bfkt.transpose(-3, -2)[..., None, :]
         images_bkfmt = psd_bkfmt.sqrt() * (factor_bkfmm @ noise)
-        choice_bft = torch.distributions.Categorical(self.pi[..., None, None, :].expand(*self.batch_shape, f, t, -1))
-        index = choice_bft.sample(Size(sample_shape))[..., None, :, None, :].expand(*shape, 1, f, m, t)
+        index = self._draw_classes(Size(sample_shape))[..., None, :, None, :].expand(*shape, 1, f, m, t)
         return images_bkfmt.expand(*shape, -1, f, m, t).gather(-4, index).squeeze(-4)
+
+    def _draw_classes(self, sample_shape: Size) -> Tensor:
+        """z_tf, (S..., B..., F, T)."""
+        f, _, t = self.event_shape
+        level_bftk = self.pi[..., None, None, :].expand(*self.batch_shape, f, t, -1)
+        return torch.distributions.Categorical(level_bftk).sample(sample_shape)
 
 
 def _gaussian_log_likelihood(observed: ObservedSpectrogram, scm_bkfmm: Tensor, psd_bfkt: Tensor) -> Tensor:

@@ -12,10 +12,8 @@ from avssl_pyro.acoustics.stft import loud_frames, stft
 from avssl_pyro.data.batch import collate_clips
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.directions import DirectionStart, GuideParameters
+from avssl_pyro.guides.directions import DirectionStart, GuideParameters, PosteriorGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.inference.localization import ScenePosterior
 from avssl_pyro.inference.system import System
 
@@ -34,6 +32,7 @@ class Localizer:
         uniform_levels: ignore the audio network and give every class the level 1/K ("w/o Aud").
         refinement: refine every clip's posterior so; by default the networks' answer is final.
         start: where refinement starts; by default at the system's own guide.
+        guide: asked instead of all these, whatever it is; it may belong to another model of the same array.
         pause_db: leave out frames whose power is so many decibels below that of the clip's loudest. In pauses there is
             nothing but noise, and a level, the share of bins that a source dominates, falls with every one of them.
         seed: of the draws behind the posterior spread of directions.
@@ -47,6 +46,7 @@ class Localizer:
         uniform_levels: bool = False,
         refinement: RefinementConfig | None = None,
         start: DirectionStart | None = None,
+        guide: PosteriorGuide | None = None,
         pause_db: float | None = None,
         seed: int = 0,
     ) -> None:
@@ -55,10 +55,10 @@ class Localizer:
             self.device = torch.empty(0, device=device).device
         except (RuntimeError, AssertionError) as error:
             raise InputError(f"device '{device}' cannot be used here ({str(error).splitlines()[0]}).") from error
-        guide: AmortizedGuide | UniformLevelGuide | RefinedGuide = system.guide
-        if refinement is not None:
-            guide = RefinedGuide(system.guide if start is None else start, system.config.steering(), refinement)
-        self.guide = guide.to(self.device).eval()
+        if guide is None and refinement is not None:
+            guide = RefinedGuide(system.guide if start is None else start, system.model, refinement)
+        asked: PosteriorGuide = system.guide if guide is None else guide
+        self.guide = asked.to(self.device).eval()
         self.uniform_levels = uniform_levels
         self.pause_db = pause_db
         self.seed = seed

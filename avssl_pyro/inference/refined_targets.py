@@ -16,10 +16,10 @@ import torch
 from pyro.infer import Trace_ELBO
 from torch import Tensor, nn
 
-from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent, MixturePoint
-from avssl_pyro.distributions.profiled_gaussian import observe
+from avssl_pyro.distributions.ascent import MixturePoint
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.guides.model_ascent import check_ascent, model_ascent
 from avssl_pyro.inference.terms import RecordsTerms
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -75,7 +75,6 @@ class TaughtLoss(nn.Module):
         model: the generative model.
         guide: the guide whose audio network learns levels; None if it has no such network.
         config: what targets are made of.
-        prior_sigma, alpha: of the model's priors of log w and of the mixing levels.
         diffuse_class: the last class is for diffuse noise; what it hears comes from nowhere.
     """
 
@@ -87,8 +86,6 @@ class TaughtLoss(nn.Module):
         guide: AmortizedGuide | None,
         config: TargetConfig,
         *,
-        prior_sigma: float = 1.0,
-        alpha: float = 0.01,
         diffuse_class: bool = False,
     ) -> None:
         super().__init__()
@@ -99,8 +96,8 @@ class TaughtLoss(nn.Module):
         # In tuples, so that their parameters are not registered a second time.
         self._model, self._guide = (model,), (guide,)
         self._config = config
-        self._prior_sigma = prior_sigma
-        self._alpha = alpha
+        if config.weight or config.level_weight:
+            check_ascent(model)
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor, strength: float) -> tuple[Tensor, Tensor]:
         """What is minimised, and the cross-entropies of directions and of levels (2,), nats per clip, detached.
@@ -129,7 +126,7 @@ class TaughtLoss(nn.Module):
         level_pbk = level_posterior.mean
         pi_bk = level_pbk.reshape(-1, *level_pbk.shape[-2:]).mean(0)
         with torch.autocast(x_bfmt.device.type, enabled=False):
-            target = self._refine(x_bfmt[..., :: self._config.frame_step], mu_bkd.detach())
+            target = self._refine(x_bfmt, mu_bkd.detach())
             target_share_bkd = target.log_w_bkd.softmax(-1) @ self._kernel(mu_bkd)
             target_bo = log_outcomes(target_share_bkd.log(), target.pi_bk.log(), self._num_directed).exp()
             log_outcome_bo = log_outcomes(mu_bkd.log_softmax(-1), pi_bk.log(), self._num_directed)
@@ -146,9 +143,7 @@ class TaughtLoss(nn.Module):
     @torch.no_grad()
     def _refine(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixturePoint:
         (model,) = self._model
-        prior = LogWeightPrior(torch.zeros_like(mu_bkd), mu_bkd.new_tensor(self._prior_sigma**-2))
-        weight = self._config.frame_step * model.bin_weight
-        ascent = MixtureAscent(observe(x_bfmt), model.template_dfmm, model.diffuse, prior, self._alpha, weight)
+        ascent = model_ascent(model, x_bfmt, mu_bkd, frame_step=self._config.frame_step)
         equal_bk = mu_bkd.new_full(mu_bkd.shape[:-1], 1 / mu_bkd.shape[-2])
         point = ascent.step(self._config.softening * mu_bkd, equal_bk)
         for _ in range(self._config.rounds - 1):

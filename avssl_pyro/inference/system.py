@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import pyro.settings
 import torch
@@ -15,7 +14,6 @@ from avssl_pyro.data.clip import SAMPLE_RATE
 from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
@@ -131,19 +129,6 @@ class System:
     config: SystemConfig
     model: SpatialCGMM
     guide: AmortizedGuide | UniformLevelGuide
-
-    def refinement(self, **changes: Any) -> RefinementConfig:
-        """A refinement under this system's own priors."""
-        sizes = self.config.model
-        return RefinementConfig(
-            **{
-                "prior_sigma": sizes.sigma,
-                "alpha": sizes.alpha,
-                "diffuse": sizes.diffuse,
-                "bin_weight": sizes.bin_weight,
-            }
-            | changes
-        )
 
     def state_dict(self) -> dict[str, Tensor]:
         """Weights of model and guide, prefixed ``model.`` and ``guide.``."""

@@ -184,16 +184,13 @@ def _loss_module(
 ) -> TaughtLoss:
     with pyro.settings.context(module_local_params=True):
         elbo = estimator(system.model, system.guide)
-    sizes, diffuse_class = system.config.model, system.config.guide.diffuse_class
     loss_module = TaughtLoss(
         elbo,
         estimator,
         system.model,
         system.guide if isinstance(system.guide, AmortizedGuide) else None,
         targets,
-        prior_sigma=sizes.sigma,
-        alpha=sizes.alpha,
-        diffuse_class=diffuse_class,
+        diffuse_class=system.config.guide.diffuse_class,
     ).train()
     if config.freeze_visual:
         system.guide.visual.requires_grad_(False).eval()

@@ -1,6 +1,7 @@
 """The closed-form ascent: it never falls, it finds what is there, and its spread is that of the posterior."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,9 +12,18 @@ from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.distributions.ascent import LogWeightPrior, MixtureAscent
+from avssl_pyro.distributions.ascent import MixtureAscent, Tail
+from avssl_pyro.distributions.log_weight_priors import LogWeightPrior, NormalLogWeights
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
+from avssl_pyro.models.likelihoods import InverseGammaPsd, ProfiledGaussian
+from avssl_pyro.models.priors import (
+    CircularWeights,
+    GammaWeights,
+    HalfNormalWeights,
+    LogNormalWeights,
+    SpikeAndSlabWeights,
+)
 
 D, K, F, T = 24, 3, 12, 30
 TRUE_DIRECTIONS = (4, 13)
@@ -34,9 +44,14 @@ def x_bfmt() -> Tensor:
     return SpatialMixture(TEMPLATE_DFMM, w_bkd, pi_bk, num_frames=T, diffuse=0.02, psd_bfkt=psd_bfkt).sample()
 
 
-def prior(precision: float) -> LogWeightPrior:
-    zero = torch.zeros((), dtype=torch.float64)
-    return LogWeightPrior(zero, zero + precision)
+def make_ascent(
+    x_bfmt: Tensor, prior: LogWeightPrior | float, alpha: float, diffuse: float = 0.05, weight: float = 1.0
+) -> MixtureAscent:
+    """With the paper's likelihood; a number is the precision of a normal prior."""
+    observed = observe(x_bfmt)
+    tail = Tail(observed.num_microphones, observed.num_microphones * observed.floor_b)
+    prior = NormalLogWeights(prior**-0.5) if isinstance(prior, float) else prior
+    return MixtureAscent(observed, TEMPLATE_DFMM, diffuse, tail, prior, alpha, weight)
 
 
 def start() -> tuple[Tensor, Tensor]:
@@ -44,23 +59,51 @@ def start() -> tuple[Tensor, Tensor]:
     return torch.randn(2, K, D, dtype=torch.float64), torch.full((2, K), 1 / K, dtype=torch.float64)
 
 
-@pytest.mark.parametrize("precision", [1e-12, 1.0, 100.0])
-def test_likelihood_plus_prior_never_falls(x_bfmt: Tensor, precision: float) -> None:
-    ascent = MixtureAscent(observe(x_bfmt), TEMPLATE_DFMM, 0.05, prior(precision), alpha=0.0)
+@pytest.mark.parametrize(
+    "direction_prior",
+    [
+        LogNormalWeights(1e6),
+        LogNormalWeights(1.0),
+        LogNormalWeights(0.1),
+        GammaWeights(0.5),
+        HalfNormalWeights(1.0),
+        SpikeAndSlabWeights(),
+        CircularWeights(1.0, 30.0),
+    ],
+    ids=str,
+)
+@pytest.mark.parametrize("likelihood", [ProfiledGaussian(), InverseGammaPsd(0.5, 0.1)], ids=str)
+def test_likelihood_plus_prior_never_falls(
+    x_bfmt: Tensor, direction_prior: Any, likelihood: ProfiledGaussian | InverseGammaPsd
+) -> None:
+    observed, like = observe(x_bfmt), start()[0]
+    prior = direction_prior.of_log_weights(D, like)
+    ascent = MixtureAscent(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
     log_w_bkd, pi_bk = start()
-    log_w_bkd = log_w_bkd - log_w_bkd.mean(-1, keepdim=True)
+    log_w_bkd = log_w_bkd + prior.shift(log_w_bkd)
     objectives = []
     for _ in range(25):
         point = ascent.step(log_w_bkd, pi_bk)
-        objectives.append(point.log_likelihood_b - 0.5 * precision * log_w_bkd.square().sum((-2, -1)))
+        log_prior_b = direction_prior(K, D, like).log_prob(log_w_bkd.exp()) + log_w_bkd.sum((-2, -1))
+        objectives.append(point.log_likelihood_b + log_prior_b)
         log_w_bkd, pi_bk = point.log_w_bkd, point.pi_bk
     rises = torch.stack(objectives).diff(dim=0)
     assert rises.min() > -1e-9 * objectives[0].abs().max()
     assert rises.sum(0).min() > 1.0
 
 
+def test_the_students_likelihood_is_reported_too(x_bfmt: Tensor) -> None:
+    likelihood, observed = InverseGammaPsd(0.8, 0.3), observe(x_bfmt)
+    prior = NormalLogWeights()
+    ascent = MixtureAscent(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
+    (first_w, pi_bk), second_w = start(), torch.zeros(2, K, D).double()
+    expected = [likelihood(TEMPLATE_DFMM, w.exp(), pi_bk, T, 0.05).log_prob(x_bfmt) for w in (first_w, second_w)]
+    found = [ascent.step(w, pi_bk).log_likelihood_b for w in (first_w, second_w)]
+    torch.testing.assert_close(found[0] - found[1], expected[0] - expected[1])
+
+
 def test_the_reported_likelihood_is_that_of_the_mixture(x_bfmt: Tensor) -> None:
-    ascent = MixtureAscent(observe(x_bfmt), TEMPLATE_DFMM, 0.05, prior(1.0), alpha=0.0)
+    ascent = make_ascent(x_bfmt, 1.0, alpha=0.0)
     (first_w, first_pi), (second_w, second_pi) = start(), (torch.zeros(2, K, D).double(), start()[1])
     expected, found = (
         [evaluate(first_w, first_pi), evaluate(second_w, second_pi)]
@@ -74,7 +117,7 @@ def test_the_reported_likelihood_is_that_of_the_mixture(x_bfmt: Tensor) -> None:
 
 
 def test_it_finds_the_sources_and_their_levels(x_bfmt: Tensor) -> None:
-    ascent = MixtureAscent(observe(x_bfmt), TEMPLATE_DFMM, 0.02, prior(0.1), alpha=0.01)
+    ascent = make_ascent(x_bfmt, 0.1, alpha=0.01, diffuse=0.02)
     log_w_bkd = torch.full((2, K, D), -1.0, dtype=torch.float64)
     # As the networks would: roughly there, and one class for the rest.
     for k, d in enumerate(TRUE_DIRECTIONS):
@@ -89,7 +132,7 @@ def test_it_finds_the_sources_and_their_levels(x_bfmt: Tensor) -> None:
 
 def test_silence_stays_finite() -> None:
     silent = torch.zeros(1, F, 6, T, dtype=torch.complex128)
-    ascent = MixtureAscent(observe(silent), TEMPLATE_DFMM, 0.05, prior(4.0), alpha=0.01)
+    ascent = make_ascent(silent, 4.0, alpha=0.01)
     point = ascent.step(torch.zeros(1, K, D).double(), torch.full((1, K), 1 / K).double())
     assert torch.isfinite(point.log_w_bkd).all()
     assert torch.isfinite(point.log_likelihood_b).all()
@@ -97,8 +140,8 @@ def test_silence_stays_finite() -> None:
 
 def test_a_weight_is_so_many_copies_of_every_frame(x_bfmt: Tensor) -> None:
     thrice = x_bfmt.repeat_interleave(3, dim=-1)
-    weighted = MixtureAscent(observe(x_bfmt), TEMPLATE_DFMM, 0.05, prior(2.0), alpha=0.5, weight=3.0).step(*start())
-    copied = MixtureAscent(observe(thrice), TEMPLATE_DFMM, 0.05, prior(2.0), alpha=0.5).step(*start())
+    weighted = make_ascent(x_bfmt, 2.0, alpha=0.5, weight=3.0).step(*start())
+    copied = make_ascent(thrice, 2.0, alpha=0.5).step(*start())
     torch.testing.assert_close(weighted.log_w_bkd, copied.log_w_bkd)
     torch.testing.assert_close(weighted.precision_bkd, copied.precision_bkd)
     torch.testing.assert_close(weighted.counts_bk, copied.counts_bk)
@@ -108,6 +151,6 @@ def test_a_weight_is_so_many_copies_of_every_frame(x_bfmt: Tensor) -> None:
 def test_more_data_means_less_spread(x_bfmt: Tensor) -> None:
     spreads = []
     for frames in (T // 3, T):
-        ascent = MixtureAscent(observe(x_bfmt[..., :frames]), TEMPLATE_DFMM, 0.05, prior(1.0), alpha=0.01)
+        ascent = make_ascent(x_bfmt[..., :frames], 1.0, alpha=0.01)
         spreads.append(ascent.step(*start()).precision_bkd.rsqrt().mean().item())
     assert spreads[1] < spreads[0] < math.inf

@@ -9,6 +9,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.evaluation.line_up import LineUp, system_band_hz
 from avssl_pyro.evaluation.tables import METHOD_ORDER
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.system import GuideConfig, System, SystemConfig, build_system
 
 
@@ -21,7 +22,7 @@ def small_system(audio_net: bool = True) -> System:
 @pytest.fixture(scope="module")
 def line_up() -> LineUp:
     system = small_system()
-    return LineUp(system, system, system.refinement(rounds=3))
+    return LineUp(system, system, RefinementConfig(rounds=3))
 
 
 def test_every_row_of_the_tables_but_the_trivial_ones(line_up: LineUp) -> None:
@@ -31,7 +32,7 @@ def test_every_row_of_the_tables_but_the_trivial_ones(line_up: LineUp) -> None:
 def test_without_an_audio_network_all_rows_are_there() -> None:
     """Refinement starts from the picture and from equal levels, so it does not miss the network."""
     system = small_system(audio_net=False)
-    names = [method.name for method in LineUp(system, system, system.refinement()).methods()]
+    names = [method.name for method in LineUp(system, system, RefinementConfig()).methods()]
     assert names == list(METHOD_ORDER[2:])
 
 

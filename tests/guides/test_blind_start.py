@@ -9,6 +9,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 GRID = DirectionGrid(24)
 IMAGES = torch.zeros(2, 3, 32, 48)
@@ -37,7 +38,7 @@ def test_refinement_from_there_finds_two_talkers_without_looking() -> None:
     first, second = (steering_fdm[:, d, :, None] for d in (4, 15))
     noise = 0.1 * torch.randn(2, len(frequencies), 6, 60, dtype=torch.complex64)
     x_bfmt = first * active * signal[0] + second * (1 - active) * signal[1] + noise
-    guide = RefinedGuide(BlindStart(5, GRID), steering_fdm, RefinementConfig(rounds=40, bin_step=1, frame_step=1))
+    guide = RefinedGuide(BlindStart(5, GRID), SpatialCGMM(steering_fdm, num_sources=5), RefinementConfig(rounds=40))
     found = guide.parameters_of(x_bfmt, IMAGES)
     for b in range(2):
         loud = found.concentration_bk[b].topk(2).indices

@@ -1,6 +1,7 @@
 """The refined guide: it climbs the ELBO it starts on, clip by clip, and stays within the public sites."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pyro
@@ -15,6 +16,19 @@ from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, ProfiledGaussian
+from avssl_pyro.models.priors import (
+    CircularWeights,
+    DirectionPrior,
+    GammaWeights,
+    HalfNormalWeights,
+    LogisticNormal,
+    LogNormalWeights,
+    SparseDirichlet,
+    SpikeAndSlabWeights,
+    StickBreaking,
+    SymmetricDirichlet,
+)
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
 from avssl_pyro.networks.visual import VisualNet
@@ -45,22 +59,25 @@ def data() -> tuple[Tensor, Tensor]:
     return first * active * signal[0] + second * (1 - active) * signal[1] + noise, torch.rand(B, 3, 32, 48)
 
 
+def model(direction_prior: DirectionPrior = LogNormalWeights()) -> SpatialCGMM:  # noqa: B008
+    return SpatialCGMM(STEERING_FDM, num_sources=K, direction_prior=direction_prior)
+
+
 def mean_loss(guide: torch.nn.Module, data: tuple[Tensor, Tensor]) -> float:
-    model = SpatialCGMM(STEERING_FDM, num_sources=K)
     torch.manual_seed(0)
     with torch.no_grad():
-        return Trace_ELBO(num_particles=20, vectorize_particles=True, max_plate_nesting=1)(model, guide)(*data).item()
+        return Trace_ELBO(num_particles=20, vectorize_particles=True, max_plate_nesting=1)(model(), guide)(*data).item()
 
 
 def test_every_few_rounds_raise_the_elbo(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
-    guides = [RefinedGuide(start, STEERING_FDM, replace(WHOLE, rounds=rounds)) for rounds in (2, 6, 40)]
+    guides = [RefinedGuide(start, model(), replace(WHOLE, rounds=rounds)) for rounds in (2, 6, 40)]
     losses = [mean_loss(guide, data) for guide in (start, *guides)]
     assert losses == sorted(losses, reverse=True)
     assert losses[0] - losses[-1] > 1000
 
 
 def test_it_finds_both_talkers(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
-    parameters = RefinedGuide(start, STEERING_FDM, replace(WHOLE, rounds=60)).parameters_of(*data)
+    parameters = RefinedGuide(start, model(), replace(WHOLE, rounds=60)).parameters_of(*data)
     level_bk = parameters.concentration_bk / parameters.concentration_bk.sum(-1, keepdim=True)
     for b in range(B):
         loud = level_bk[b].topk(2).indices
@@ -69,7 +86,7 @@ def test_it_finds_both_talkers(start: AmortizedGuide, data: tuple[Tensor, Tensor
 
 
 def test_sites_and_shapes_are_those_of_every_guide(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
-    trace = pyro.poutine.trace(RefinedGuide(start, STEERING_FDM, WHOLE)).get_trace(*data)
+    trace = pyro.poutine.trace(RefinedGuide(start, model(), WHOLE)).get_trace(*data)
     assert trace.nodes["direction_weights"]["value"].shape == (B, K, D)
     assert trace.nodes["mixing_levels"]["value"].shape == (B, K)
     assert {name for name in trace.stochastic_nodes if name != "clip"} == {"direction_weights", "mixing_levels"}
@@ -79,7 +96,7 @@ def test_a_quarter_of_the_bins_finds_the_same_sources_and_levels(
     start: AmortizedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
     whole, thinned = (
-        RefinedGuide(start, STEERING_FDM, config).parameters_of(*data)
+        RefinedGuide(start, model(), config).parameters_of(*data)
         for config in (replace(WHOLE, rounds=60), replace(THINNED, rounds=60))
     )
     assert thinned.concentration_bk.sum(-1).numpy() == pytest.approx(whole.concentration_bk.sum(-1).numpy(), rel=1e-3)
@@ -87,12 +104,12 @@ def test_a_quarter_of_the_bins_finds_the_same_sources_and_levels(
         loud = parameters.concentration_bk.topk(2, dim=-1).indices
         peaks = parameters.mu_bkd.argmax(-1).gather(-1, loud).sort(-1).values
         assert peaks.float().numpy() == pytest.approx(np.array([TRUE_DIRECTIONS] * B), abs=1)
-    assert mean_loss(RefinedGuide(start, STEERING_FDM, THINNED), data) < mean_loss(start, data)
+    assert mean_loss(RefinedGuide(start, model(), THINNED), data) < mean_loss(start, data)
 
 
 def test_a_clip_does_not_depend_on_its_batch(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
     x_bfmt, image_bcij = data
-    guide = RefinedGuide(start, STEERING_FDM, replace(WHOLE, tolerance=1e-3))
+    guide = RefinedGuide(start, model(), replace(WHOLE, tolerance=1e-3))
     together = guide.parameters_of(x_bfmt, image_bcij)
     for b in range(B):
         alone = guide.parameters_of(x_bfmt[b : b + 1], image_bcij[b : b + 1])
@@ -101,7 +118,7 @@ def test_a_clip_does_not_depend_on_its_batch(start: AmortizedGuide, data: tuple[
 
 
 def test_more_classes_than_the_networks_have(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
-    parameters = RefinedGuide(start, STEERING_FDM, replace(WHOLE, extra_classes=2)).parameters_of(*data)
+    parameters = RefinedGuide(start, model(), replace(WHOLE, extra_classes=2)).parameters_of(*data)
     assert parameters.mu_bkd.shape == (B, K + 2, D)
     assert parameters.concentration_bk.shape == (B, K + 2)
     assert parameters.activation_bkij.shape[1] == K + 2
@@ -112,8 +129,8 @@ def test_the_picture_pulls_as_hard_as_told(start: AmortizedGuide, data: tuple[Te
     mu_bkd = start.parameters_of(*data).mu_bkd
     distances = []
     for image_weight, prior_sigma in ((0.0, 1.0), (1.0, 1.0), (1.0, 0.01)):
-        config = replace(WHOLE, image_weight=image_weight, prior_sigma=prior_sigma)
-        refined_bkd = RefinedGuide(start, STEERING_FDM, config).parameters_of(*data).mu_bkd
+        config = replace(WHOLE, image_weight=image_weight)
+        refined_bkd = RefinedGuide(start, model(LogNormalWeights(prior_sigma)), config).parameters_of(*data).mu_bkd
         # Only differences between directions matter.
         offset_bkd = refined_bkd - mu_bkd
         distances.append((offset_bkd - offset_bkd.mean(-1, keepdim=True)).square().mean().item())
@@ -126,8 +143,8 @@ def test_a_softened_start_is_the_networks_own_with_less_conviction(
 ) -> None:
     """With a prior that holds on to the softened start there is nothing else to see of it."""
     mu_bkd = start.parameters_of(*data).mu_bkd
-    config = replace(WHOLE, softening=0.25, image_weight=0.25, prior_sigma=1e-3, rounds=2)
-    refined_bkd = RefinedGuide(start, STEERING_FDM, config).parameters_of(*data).mu_bkd
+    config = replace(WHOLE, softening=0.25, image_weight=0.25, rounds=2)
+    refined_bkd = RefinedGuide(start, model(LogNormalWeights(1e-3)), config).parameters_of(*data).mu_bkd
     difference_bkd = refined_bkd - 0.25 * mu_bkd
     assert (difference_bkd - difference_bkd.mean(-1, keepdim=True)).abs().max() < 0.01
 
@@ -139,6 +156,49 @@ def test_a_setting_of_zero_is_refused_in_a_sentence(name: str) -> None:
 
 
 def test_silence_stays_finite(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
-    parameters = RefinedGuide(start, STEERING_FDM, WHOLE).parameters_of(torch.zeros_like(data[0]), data[1])
+    parameters = RefinedGuide(start, model(), WHOLE).parameters_of(torch.zeros_like(data[0]), data[1])
     for value in parameters:
         assert torch.isfinite(value).all()
+
+
+@pytest.mark.parametrize(
+    ("level_prior", "direction_prior", "likelihood"),
+    [
+        (SymmetricDirichlet(2.0), LogNormalWeights(2.0), ProfiledGaussian()),
+        (SparseDirichlet(), GammaWeights(0.5), ProfiledGaussian()),
+        (SparseDirichlet(), HalfNormalWeights(), InverseGammaPsd()),
+        (SparseDirichlet(), SpikeAndSlabWeights(), ProfiledGaussian()),
+        (SparseDirichlet(), CircularWeights(1.0, 20.0), ProfiledGaussian()),
+    ],
+    ids=str,
+)
+def test_it_climbs_the_elbo_of_whatever_model_it_is_given(
+    start: AmortizedGuide, data: tuple[Tensor, Tensor], level_prior: Any, direction_prior: Any, likelihood: Any
+) -> None:
+    of_clips = SpatialCGMM(STEERING_FDM, K, level_prior, direction_prior, likelihood=likelihood)
+    elbo = Trace_ELBO(num_particles=20, vectorize_particles=True, max_plate_nesting=1)
+    losses = []
+    for rounds in (1, 20):
+        torch.manual_seed(0)
+        guide = RefinedGuide(start, of_clips, replace(WHOLE, rounds=rounds))
+        losses.append(elbo(of_clips, guide)(*data).item())
+        loud_b2 = guide.parameters_of(*data).concentration_bk.topk(2, dim=-1).indices
+    assert losses[0] - losses[1] > 500
+    peaks = guide.parameters_of(*data).mu_bkd.argmax(-1).gather(-1, loud_b2).sort(-1).values
+    assert peaks.float().numpy() == pytest.approx(np.array([TRUE_DIRECTIONS] * B), abs=1)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"level_prior": StickBreaking(1.0)}, r"StickBreaking\(concentration=1.0\) has no 'pseudo_counts'"),
+        ({"level_prior": LogisticNormal()}, "LogisticNormal.* has no 'pseudo_counts'"),
+        ({"direction_prior": object()}, "has no 'of_log_weights'"),
+        ({"likelihood": FrameActivity()}, "FrameActivity.* has no 'tail'.*use a PerSceneGuide"),
+    ],
+)
+def test_what_the_ascent_cannot_take_in_is_refused(
+    start: AmortizedGuide, changes: dict[str, Any], sentence: str
+) -> None:
+    with pytest.raises(InputError, match=sentence):
+        RefinedGuide(start, SpatialCGMM(STEERING_FDM, K, **changes))

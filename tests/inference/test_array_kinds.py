@@ -17,6 +17,7 @@ from avssl_pyro.data.batch import collate_clips
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.errors import InputError
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import load_checkpoint, save_checkpoint
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.system import GuideConfig, ModelConfig, SystemConfig, build_system
@@ -80,7 +81,7 @@ def test_a_checkpoint_localizes_by_itself_where_the_sound_comes_from(
     loaded = load_checkpoint(path)
     assert loaded.config == config
     torch.testing.assert_close(loaded.config.steering(), config.steering(), atol=1e-5, rtol=0)
-    (posterior,) = Localizer(loaded, refinement=loaded.refinement(rounds=30)).posteriors([clip])
+    (posterior,) = Localizer(loaded, refinement=RefinementConfig(rounds=30)).posteriors([clip])
     loudest = posterior.mixing_levels_k.argmax()
     assert abs(posterior.direction_weights_kd[loudest].argmax() - TRUE_DIRECTION) <= 1
 

@@ -9,6 +9,7 @@ from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.blind_start import BlindStart
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.localization import ScenePosterior
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
@@ -131,7 +132,7 @@ def test_pauses_can_be_left_out() -> None:
     paused = replace(loud, audio_mn=np.concatenate([loud.audio_mn, quiet_mn], axis=1))
     system = make_system()
     everything, without_pauses = (
-        Localizer(system, refinement=system.refinement(), start=BlindStart(K, CONFIG.grid), pause_db=pause_db)
+        Localizer(system, refinement=RefinementConfig(), start=BlindStart(K, CONFIG.grid), pause_db=pause_db)
         for pause_db in (None, 20.0)
     )
     [expected] = everything.posteriors([loud])

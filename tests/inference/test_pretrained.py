@@ -10,6 +10,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
 from avssl_pyro.evaluation.matching import gate_then_assign
 from avssl_pyro.evaluation.metrics import evaluate
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.localization import REFINED_THRESHOLDS, select_sources
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.pretrained import SHIPPED, load_pretrained
@@ -55,7 +56,7 @@ def test_they_find_who_talks_in_scenes_of_material_they_never_saw(name: str, lea
     simulator = SceneSimulator(seed=7, array=array)
     scenes = [simulator.render(index) for index in range(12)]
     system = load_pretrained(array).system
-    posteriors = Localizer(system, refinement=system.refinement()).posteriors([scene.clip for scene in scenes])
+    posteriors = Localizer(system, refinement=RefinementConfig()).posteriors([scene.clip for scene in scenes])
     found = [
         np.array([source.azimuth for source in select_sources(posterior, system.config.grid, REFINED_THRESHOLDS)])
         for posterior in posteriors

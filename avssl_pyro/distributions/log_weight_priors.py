@@ -1,0 +1,151 @@
+"""Priors of direction weights as the closed-form ascent wants them: over log w, with gradient and curvature.
+
+Densities are those of log w, the Jacobian included, for a guide that is normal in log w has its best mean near their
+mode and not near that of the density of w. Every class is a draw of its own; all tensors broadcast against (B, K, D).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+
+class LogWeightPrior(Protocol):
+    """What the ascent asks of a prior of log w."""
+
+    def gradient(self, log_w_bkd: Tensor) -> Tensor:
+        """d log p / d log w, (B, K, D)."""
+        ...
+
+    def precision(self, log_w_bkd: Tensor) -> Tensor:
+        """Diagonal of a curvature that bounds -log p from above around log w, not negative, (B, K, D)."""
+        ...
+
+    def newton_step(self, gradient_bkd: Tensor, curvature_bkd: Tensor, log_w_bkd: Tensor) -> Tensor:
+        """The step that the sum of this prior and a function with the given diagonal curvature takes, (B, K, D).
+
+        Args:
+            gradient_bkd: of the sum, this prior's part included.
+            curvature_bkd: of the other function alone, positive.
+            log_w_bkd: where.
+        """
+        ...
+
+    def shift(self, log_w_bkd: Tensor) -> Tensor:
+        """What to add to all log-weights of a class to please the prior, (B, K, 1); the likelihood does not care."""
+        ...
+
+
+class _Independent:
+    """Directions know nothing of each other, so a Newton step is a division."""
+
+    def precision(self, log_w_bkd: Tensor) -> Tensor:
+        raise NotImplementedError
+
+    def newton_step(self, gradient_bkd: Tensor, curvature_bkd: Tensor, log_w_bkd: Tensor) -> Tensor:
+        return gradient_bkd / (curvature_bkd + self.precision(log_w_bkd))
+
+
+@dataclass(frozen=True)
+class NormalLogWeights(_Independent):
+    """log w ~ N(0, sigma^2), Eq. (11)."""
+
+    sigma: float = 1.0
+
+    def gradient(self, log_w_bkd: Tensor) -> Tensor:
+        return -log_w_bkd / self.sigma**2
+
+    def precision(self, log_w_bkd: Tensor) -> Tensor:
+        return torch.full_like(log_w_bkd, self.sigma**-2)
+
+    def shift(self, log_w_bkd: Tensor) -> Tensor:
+        return -log_w_bkd.mean(-1, keepdim=True)
+
+
+@dataclass(frozen=True)
+class GammaLogWeights(_Independent):
+    """w ~ Gamma(shape, rate = shape)."""
+
+    shape: float = 1.0
+
+    def gradient(self, log_w_bkd: Tensor) -> Tensor:
+        return self.shape * (1 - log_w_bkd.exp())
+
+    def precision(self, log_w_bkd: Tensor) -> Tensor:
+        return self.shape * log_w_bkd.exp()
+
+    def shift(self, log_w_bkd: Tensor) -> Tensor:
+        return -_log_mean_exp(log_w_bkd)
+
+
+@dataclass(frozen=True)
+class HalfNormalLogWeights(_Independent):
+    """w = |v| with v ~ N(0, sigma^2)."""
+
+    sigma: float = 1.0
+
+    def gradient(self, log_w_bkd: Tensor) -> Tensor:
+        return 1 - (2 * log_w_bkd).exp() / self.sigma**2
+
+    def precision(self, log_w_bkd: Tensor) -> Tensor:
+        return 2 * (2 * log_w_bkd).exp() / self.sigma**2
+
+    def shift(self, log_w_bkd: Tensor) -> Tensor:
+        return 0.5 * (2 * log_w_bkd.new_tensor(self.sigma).log() - _log_mean_exp(2 * log_w_bkd))
+
+
+@dataclass(frozen=True)
+class MixedLogWeights(_Independent):
+    """log w ~ sum_j share_j N(mean_j, sigma^2); EM's bound at the current responsibilities stands in for it.
+
+    Args:
+        log_share_j, mean_j: of the components, (J,).
+        sigma: that all of them have.
+    """
+
+    log_share_j: Tensor
+    mean_j: Tensor
+    sigma: float
+
+    def _expected_mean(self, log_w_bkd: Tensor) -> Tensor:
+        distance_bkdj = (log_w_bkd[..., None] - self.mean_j) / self.sigma
+        return (self.log_share_j - 0.5 * distance_bkdj.square()).softmax(-1) @ self.mean_j
+
+    def gradient(self, log_w_bkd: Tensor) -> Tensor:
+        return (self._expected_mean(log_w_bkd) - log_w_bkd) / self.sigma**2
+
+    def precision(self, log_w_bkd: Tensor) -> Tensor:
+        return torch.full_like(log_w_bkd, self.sigma**-2)
+
+    def shift(self, log_w_bkd: Tensor) -> Tensor:
+        return (self._expected_mean(log_w_bkd) - log_w_bkd).mean(-1, keepdim=True)
+
+
+@dataclass(frozen=True)
+class CorrelatedLogWeights:
+    """log w ~ N(0, C) with a covariance over directions that is the same all around the circle.
+
+    Args:
+        precision_dd: C^-1, (D, D), circulant.
+    """
+
+    precision_dd: Tensor
+
+    def gradient(self, log_w_bkd: Tensor) -> Tensor:
+        return -log_w_bkd @ self.precision_dd
+
+    def precision(self, log_w_bkd: Tensor) -> Tensor:
+        return self.precision_dd.diagonal().expand_as(log_w_bkd)
+
+    def newton_step(self, gradient_bkd: Tensor, curvature_bkd: Tensor, log_w_bkd: Tensor) -> Tensor:  # noqa: ARG002
+        factor_bkdd = torch.linalg.cholesky(torch.diag_embed(curvature_bkd) + self.precision_dd)
+        return torch.cholesky_solve(gradient_bkd[..., None], factor_bkdd).squeeze(-1)
+
+    def shift(self, log_w_bkd: Tensor) -> Tensor:
+        # A constant is an eigenvector of every circulant matrix.
+        return -log_w_bkd.mean(-1, keepdim=True)
+
+
+def _log_mean_exp(value_bkd: Tensor) -> Tensor:
+    return value_bkd.logsumexp(-1, keepdim=True) - torch.log(value_bkd.new_tensor(value_bkd.shape[-1]))

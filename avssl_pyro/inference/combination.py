@@ -1,0 +1,79 @@
+"""A model, a guide and an estimator that are put together; those that do not fit are refused in a sentence."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import pyro
+import torch
+from pyro.infer import ELBO, RenyiELBO, TraceEnum_ELBO
+from torch import Tensor, nn
+
+from avssl_pyro.errors import InputError
+from avssl_pyro.guides.directions import DirectionGuide
+from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
+from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A model, a guide and one of Pyro's estimators of the ELBO.
+
+    Args:
+        model: :class:`SpatialCGMM` or :class:`ExplicitMaskCGMM` with any priors and any likelihood.
+        guide: anything that samples the sites ``direction_weights`` and ``mixing_levels``.
+        estimator: ``Trace_ELBO()``, ``TraceMeanField_ELBO()`` (sampled where torch knows no KL), ``TraceEnum_ELBO()``
+            (for explicit masks) or ``RenyiELBO()`` (to evaluate).
+
+    Raises:
+        InputError: they do not fit together; the sentence says why, and what would.
+    """
+
+    model: SpatialCGMM
+    guide: Any
+    estimator: ELBO
+
+    def __post_init__(self) -> None:
+        estimator = type(self.estimator).__name__
+        if isinstance(self.model, ExplicitMaskCGMM) and not isinstance(self.estimator, TraceEnum_ELBO):
+            raise InputError(
+                f"ExplicitMaskCGMM has a discrete mask in every bin, which {estimator} would draw; use TraceEnum_ELBO, "
+                "which sums over it, or SpatialCGMM, in which it is summed out."
+            )
+        if isinstance(self.estimator, TraceEnum_ELBO) and not isinstance(self.model, ExplicitMaskCGMM):
+            raise InputError(
+                f"TraceEnum_ELBO has nothing to sum over in {type(self.model).__name__}, whose masks are summed out "
+                "already; use Trace_ELBO, which is the same here, or ExplicitMaskCGMM."
+            )
+        if isinstance(self.estimator, RenyiELBO) and self.model.bin_weight != 1:
+            raise InputError(
+                "RenyiELBO is no bound where sites are scaled, and every bin of this model counts "
+                f"{self.model.bin_weight:g} times; use Trace_ELBO, or a model with bin_weight=1."
+            )
+        classes = self.guide.num_sources if isinstance(self.guide, DirectionGuide) else self.model.num_sources
+        if classes != self.model.num_sources:
+            raise InputError(
+                f"the guide has {classes} source classes and the model {self.model.num_sources}; give both the same."
+            )
+
+    def trainable_loss(self) -> nn.Module:
+        """The negative ELBO, summed over clips, as a torch module with the parameters that can be trained.
+
+        Raises:
+            InputError: nothing can be trained.
+        """
+        if isinstance(self.estimator, RenyiELBO):
+            raise InputError("RenyiELBO gives no loss to differentiate; train with Trace_ELBO, and evaluate with it.")
+        if getattr(self.guide, "fits_each_clip", False):
+            raise InputError(
+                f"{type(self.guide).__name__} fits every clip by itself and has nothing to train; train the guide that "
+                "it starts from."
+            )
+        module: nn.Module = self.estimator(self.model, self.guide)
+        return module
+
+    def elbo(self, x_bfmt: Tensor, image_bcij: Tensor) -> float:
+        """An estimate of the ELBO, or of Renyi's bound, summed over the clips, nats."""
+        # Pyro's global store would keep the guide's parameters, and a later SVI on another guide train them instead.
+        with torch.no_grad(), pyro.get_param_store().scope():
+            estimator: Any = self.estimator
+            return -float(estimator.loss(self.model, self.guide, x_bfmt, image_bcij))

@@ -1,0 +1,97 @@
+"""Closed-form ascent of a model's own posterior: its priors and likelihood say themselves how they enter.
+
+Whichever of them has the method asked for (``pseudo_counts``, ``of_log_weights``, ``tail``) can be swapped. For others
+there are guides fitted by gradients, see :mod:`avssl_pyro.guides.per_scene`.
+"""
+
+from typing import Protocol, runtime_checkable
+
+from torch import Tensor
+
+from avssl_pyro.distributions.ascent import MixtureAscent, Tail
+from avssl_pyro.distributions.log_weight_priors import LogWeightPrior
+from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, observe
+from avssl_pyro.errors import InputError
+from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+
+
+@runtime_checkable
+class CountedLevels(Protocol):
+    """A level prior that adds counts to those of the clip: a Dirichlet distribution."""
+
+    def pseudo_counts(self, num_sources: int, like: Tensor) -> Tensor:
+        """Counts of every class, (K,)."""
+        ...
+
+
+@runtime_checkable
+class SmoothWeights(Protocol):
+    """A direction prior whose gradient over log w is known."""
+
+    def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:
+        """The prior over log w."""
+        ...
+
+
+@runtime_checkable
+class TailedLikelihood(Protocol):
+    """A likelihood that is a power of x^H H^-1 x plus an offset."""
+
+    def tail(self, observed: ObservedSpectrogram) -> Tail:
+        """Power and offset."""
+        ...
+
+
+def check_ascent(model: SpatialCGMM) -> None:
+    """Refuses a model whose posterior cannot be climbed in closed form.
+
+    Raises:
+        InputError: names the part of the model that does not say how.
+    """
+    for part, protocol, method in (
+        (model.level_prior, CountedLevels, "pseudo_counts"),
+        (model.direction_prior, SmoothWeights, "of_log_weights"),
+        (model.likelihood, TailedLikelihood, "tail"),
+    ):
+        if not isinstance(part, protocol):
+            raise InputError(
+                f"{part} has no '{method}', so closed-form ascent cannot take it in; use a PerSceneGuide, which needs "
+                "gradients alone."
+            )
+
+
+def model_ascent(
+    model: SpatialCGMM,
+    x_bfmt: Tensor,
+    like_bkd: Tensor,
+    *,
+    bin_step: int = 1,
+    frame_step: int = 1,
+    prior_mean: Tensor | float = 0.0,
+) -> MixtureAscent:
+    """The ascent of p(w, pi | x) for a batch of clips.
+
+    Args:
+        model: passed :func:`check_ascent`.
+        x_bfmt: the clips, complex (B, F, M, T).
+        like_bkd: dtype, device and shape of the log-weights.
+        bin_step, frame_step: every how many frequencies and frames are used; they stand for the others.
+        prior_mean: of log w, as of :class:`MixtureAscent`.
+    """
+    levels, directions, likelihood = model.level_prior, model.direction_prior, model.likelihood
+    assert isinstance(levels, CountedLevels)
+    assert isinstance(directions, SmoothWeights)
+    assert isinstance(likelihood, TailedLikelihood)
+    _, num_sources, num_directions = like_bkd.shape
+    observed = observe(x_bfmt[:, ::bin_step, :, ::frame_step])
+    _, f, _, t = observed.features_bfct.shape
+    return MixtureAscent(
+        observed,
+        model.template_dfmm[:, ::bin_step],
+        model.diffuse,
+        likelihood.tail(observed),
+        directions.of_log_weights(num_directions, like_bkd),
+        levels.pseudo_counts(num_sources, like_bkd),
+        weight=model.bin_weight * x_bfmt.shape[1] * x_bfmt.shape[-1] / (f * t),
+        prior_mean=prior_mean,
+    )

@@ -1,0 +1,110 @@
+"""Families of Gaussians for single scenes, each fitted through one of Pyro's autoguides."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import torch
+from pyro.infer.autoguide import AutoGuide, AutoLowRankMultivariateNormal, AutoNormal
+from pyro.infer.autoguide.initialization import init_to_value
+from torch import Tensor
+from torch.distributions import StickBreakingTransform
+
+from avssl_pyro.errors import InputError
+from avssl_pyro.guides.unconstrained import UnconstrainedGaussian
+
+SITES = ["direction_weights", "mixing_levels"]
+# Loadings of shared factors to start with, relative to the spread: none at all would stay so.
+FIRST_LOADING = 0.1
+
+SceneModel = Callable[[Tensor, Tensor], None]
+"""A model of clips (x_bfmt, image_bcij) with the latent sites ``SITES`` in a plate of clips, such as SpatialCGMM."""
+
+
+class SceneFamily(Protocol):
+    """A family of Gaussians of the unconstrained latents of one scene."""
+
+    def autoguide(
+        self, model: SceneModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
+    ) -> AutoGuide:
+        """An autoguide for the one clip that is given, its parameters those of ``start``."""
+        ...
+
+    def posterior(self, autoguide: AutoGuide, num_sources: int) -> UnconstrainedGaussian:
+        """What the autoguide has learnt."""
+        ...
+
+
+@dataclass(frozen=True)
+class MeanField:
+    """Every latent on its own: Pyro's AutoNormal."""
+
+    def autoguide(
+        self, model: SceneModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
+    ) -> AutoGuide:
+        guide = AutoNormal(model, init_loc_fn=_at_means(start))
+        _set_up(guide, x_bfmt, image_bcij)
+        guide.scales.direction_weights = start.sigma_bkd
+        guide.scales.mixing_levels = start.scale_bn[:, start.num_weights :]
+        return guide
+
+    def posterior(self, autoguide: AutoGuide, num_sources: int) -> UnconstrainedGaussian:
+        loc_bn, scale_bn = (
+            torch.cat([values.direction_weights.flatten(-2), values.mixing_levels], dim=-1).detach()
+            for values in (autoguide.locs, autoguide.scales)
+        )
+        return UnconstrainedGaussian(loc_bn, scale_bn, loc_bn.new_zeros(*loc_bn.shape, 0), num_sources)
+
+
+@dataclass(frozen=True)
+class LowRank:
+    """Every latent on its own, and ``rank`` factors that they share: Pyro's AutoLowRankMultivariateNormal."""
+
+    rank: int = 8
+
+    def __post_init__(self) -> None:
+        if self.rank < 1:
+            raise InputError(f"LowRank: rank is {self.rank}; it must be at least 1.")
+
+    def autoguide(
+        self, model: SceneModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
+    ) -> AutoGuide:
+        guide = AutoLowRankMultivariateNormal(model, init_loc_fn=_at_means(start), rank=self.rank)
+        _set_up(guide, x_bfmt, image_bcij)
+        guide.scale = start.scale_bn[0, _sites_in_order(guide, start.num_sources).argsort()]  # type: ignore[assignment]
+        # Loadings are relative to the scale.
+        guide.cov_factor.data.mul_(FIRST_LOADING)
+        return guide
+
+    def posterior(self, autoguide: AutoGuide, num_sources: int) -> UnconstrainedGaussian:
+        order_n = _sites_in_order(autoguide, num_sources)
+        loc_n, scale_n = autoguide.loc.detach()[order_n], autoguide.scale.detach()[order_n]
+        factor_nr = autoguide.cov_factor.detach()[order_n] * scale_n[:, None]
+        return UnconstrainedGaussian(loc_n[None], scale_n[None], factor_nr[None], num_sources)
+
+
+def _at_means(start: UnconstrainedGaussian) -> Callable[[dict[str, Any]], Tensor]:
+    level_bk = StickBreakingTransform()(start.loc_bn[:, start.num_weights :])
+    return init_to_value(values=dict(zip(SITES, (start.mu_bkd.exp(), level_bk), strict=True)))
+
+
+def _set_up(autoguide: AutoGuide, x_bfmt: Tensor, image_bcij: Tensor) -> None:
+    """An autoguide makes its parameters when it is first called."""
+    autoguide(x_bfmt, image_bcij)
+    found = _sites(autoguide)
+    if sorted(found) != SITES:
+        raise InputError(
+            f"PerSceneGuide: the model has the latent sites {', '.join(found)}; "
+            f"it must have {' and '.join(SITES)} alone."
+        )
+
+
+def _sites(autoguide: AutoGuide) -> list[str]:
+    assert autoguide.prototype_trace is not None
+    return [name for name, _ in autoguide.prototype_trace.iter_stochastic_nodes()]
+
+
+def _sites_in_order(autoguide: Any, num_sources: int) -> Tensor:
+    """Where in the autoguide's latent vector the log-weights are, then the sticks: a model may draw either first."""
+    index_n = torch.arange(autoguide.latent_dim)
+    return index_n if _sites(autoguide) == SITES else index_n.roll(1 - num_sources)

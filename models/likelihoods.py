@@ -1,0 +1,121 @@
+"""Likelihoods of a spectrogram: small objects that return a distribution of x given w and pi, made to be swapped.
+
+A likelihood may also say what it makes of x^H H^-1 x (``tail``), which is all that the closed-form refinement needs.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import torch
+from pyro.distributions import TorchDistribution
+from torch import Tensor
+
+from avssl_pyro.distributions.activity_mixture import ActivityMixture
+from avssl_pyro.distributions.ascent import Tail
+from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram
+from avssl_pyro.distributions.spatial_mixture import SpatialMixture
+from avssl_pyro.distributions.student_mixture import StudentMixture
+from avssl_pyro.errors import InputError
+
+
+class Likelihood(Protocol):
+    """A distribution of a spectrogram (site ``spectrogram``)."""
+
+    def __call__(
+        self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float
+    ) -> TorchDistribution:
+        """Of x, batch_shape (B,), event_shape (F, M, T).
+
+        Args:
+            template_dfmm: a_fd a_fd^H of every direction, complex (D, F, M, M).
+            w_bkd, pi_bk: direction weights and mixing levels.
+            num_frames: T.
+            diffuse: eps relative to the summed weights.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class ProfiledGaussian:
+    """The paper's: power spectral densities at their maximum-likelihood values (Eqs. 13, 14)."""
+
+    def __call__(
+        self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float
+    ) -> SpatialMixture:
+        return SpatialMixture(template_dfmm, w_bkd, pi_bk, num_frames=num_frames, diffuse=diffuse)
+
+    def tail(self, observed: ObservedSpectrogram) -> Tail:
+        """For :class:`avssl_pyro.distributions.ascent.MixtureAscent`."""
+        return Tail(observed.num_microphones, observed.num_microphones * observed.floor_b)
+
+
+@dataclass(frozen=True)
+class InverseGammaPsd:
+    """Power spectral densities are latent, lambda ~ InvGamma(shape, scale), and integrated over: a complex Student t.
+
+    Args:
+        shape: the larger, the closer to a Gaussian of one known power.
+        scale: in units of power of the spectrogram; a bin far below it tells nothing of directions.
+    """
+
+    shape: float = 0.5
+    scale: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for name in ("shape", "scale"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"InverseGammaPsd: {name} is {getattr(self, name)}; it must be positive.")
+
+    def __call__(
+        self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float
+    ) -> StudentMixture:
+        return StudentMixture(
+            template_dfmm,
+            w_bkd,
+            pi_bk,
+            num_frames=num_frames,
+            psd_shape=self.shape,
+            psd_scale=self.scale,
+            diffuse=diffuse,
+        )
+
+    def tail(self, observed: ObservedSpectrogram) -> Tail:
+        """For :class:`avssl_pyro.distributions.ascent.MixtureAscent`."""
+        largest = torch.finfo(observed.floor_b.dtype).max ** 0.5
+        offset_b = (math.log(self.scale) - 2 * observed.log_scale_b).exp().clamp_max(largest)
+        return Tail(observed.num_microphones + self.shape, torch.maximum(offset_b, observed.floor_b))
+
+
+@dataclass(frozen=True)
+class FrameActivity:
+    """The paper's likelihood with levels of their own in every frame, for classes that pause.
+
+    Args:
+        activity: prior probability that a class sounds in a frame.
+        most_active: classes that may sound in one frame; None for all. Fewer are faster.
+    """
+
+    activity: float = 0.5
+    most_active: int | None = None
+
+    def __post_init__(self) -> None:
+        if not 0 < self.activity < 1:
+            raise InputError(f"FrameActivity: activity is {self.activity}; it must be between 0 and 1.")
+        if self.most_active is not None and self.most_active < 1:
+            raise InputError(
+                f"FrameActivity: most_active is {self.most_active}; it must be at least 1, or None for all."
+            )
+
+    def __call__(
+        self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float
+    ) -> ActivityMixture:
+        return ActivityMixture(
+            template_dfmm,
+            w_bkd,
+            pi_bk,
+            num_frames=num_frames,
+            activity=self.activity,
+            most_active=self.most_active,
+            diffuse=diffuse,
+        )
