@@ -9,7 +9,7 @@ DOCS_STAMP := $(VENV)/.installed-docs
 # More options for the demo, such as DEMO="--scenes 100 --optimization.epochs 1".
 DEMO ?=
 
-.PHONY: demo test lint format docs clean
+.PHONY: demo test lint format notebooks docs clean
 
 demo: $(STAMP)
 	$(BIN)/python scripts/demo.py $(DEMO)
@@ -26,7 +26,13 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Warnings are errors. A second run builds what has changed; notebooks are shown as build/notebooks has them executed.
+# Executes the notebooks that have changed, each in up to ten minutes; `make docs` shows them with their results then.
+notebooks: $(patsubst %.ipynb,build/%.ipynb,$(wildcard notebooks/*.ipynb))
+
+build/notebooks/%.ipynb: notebooks/%.ipynb | $(STAMP)
+	$(BIN)/python notebooks/run.py $< --out build/notebooks
+
+# Warnings are errors. A second run builds what has changed.
 docs: $(DOCS_STAMP)
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --jobs 2 docs build/docs
 

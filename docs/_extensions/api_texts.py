@@ -9,8 +9,8 @@ from sphinx.ext.napoleon import Config
 from sphinx.ext.napoleon.docstring import GoogleDocstring
 from sphinx.util.typing import restify
 
-# Eq. (13), Eqs. (5, 6), Eqs. (13)-(16) and, within brackets, Eqs. 13, 14.
-EQUATIONS = re.compile(r"\bEqs?\. (?:\(\d+(?:, \d+)*\)(?:-\(\d+\))?|\d+(?:, \d+)*)")
+# Eq. (13), Eqs. (5, 6), Eqs. (13)-(16) and, within brackets, Eqs. 13, 14; not those of other papers, named with a year.
+EQUATIONS = re.compile(r"(?<!\d{4}, )\bEqs?\. (?:\(\d+(?:, \d+)*\)(?:-\(\d+\))?|\d+(?:, \d+)*)")
 ARRAY = re.compile(r"~numpy\.ndarray\[tuple\[~typing\.Any, \.\.\.\], ~numpy\.dtype\[~numpy\.(\w+)\]\]")
 
 
@@ -23,12 +23,19 @@ def link_equations(line: str) -> str:
     return EQUATIONS.sub(linked, line)
 
 
+def keep_bars(lines: list[str]) -> list[str]:
+    """Bars around a number are its magnitude, not reStructuredText's substitution; a drawing is left as it is."""
+    if any(line.endswith("::") for line in lines):
+        return lines
+    pieces = "\n".join(lines).split("``")
+    return "``".join(piece.replace("|", r"\|") if i % 2 == 0 else piece for i, piece in enumerate(pieces)).split("\n")
+
+
 def process_docstring(app: Sphinx, what: str, name: str, item: Any, options: object, lines: list[str]) -> None:
     # Of an attribute napoleon takes whatever stands before a colon for its type.
     kind = "object" if what in {"attribute", "property", "data"} else what
-    lines[:] = [
-        link_equations(line) for line in GoogleDocstring(lines, Config(), app, kind, name, item, options).lines()
-    ]
+    sections = GoogleDocstring(keep_bars(lines), Config(), app, kind, name, item, options).lines()
+    lines[:] = [link_equations(line) for line in sections]
     if what == "class":
         bases = [base for base in item.__bases__ if base.__module__ not in {"builtins", "typing"}]
         lines += [f"Extends {', '.join(restify(base, 'smart') for base in bases)}.", ""] if bases else []
