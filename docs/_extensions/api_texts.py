@@ -4,6 +4,7 @@ import re
 from dataclasses import is_dataclass
 from typing import Any, get_type_hints
 
+from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.ext.napoleon import Config
 from sphinx.ext.napoleon.docstring import GoogleDocstring
@@ -59,8 +60,16 @@ def strip_annotations(_app: Sphinx, _what: str, _name: str, item: Any, _skip: bo
         item.__init__.__annotations__ = get_type_hints(item.__init__)
 
 
+def draw_dashes(_app: Sphinx, doctree: nodes.document) -> None:
+    """Between a parameter and what it is Sphinx writes two dashes for smart quotes to join, which are off."""
+    for text in list(doctree.findall(nodes.Text)):
+        if text == " -- ":
+            text.parent.replace(text, nodes.Text(" – "))
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("autodoc-process-docstring", process_docstring)
     app.connect("autodoc-process-signature", process_signature)
     app.connect("autodoc-skip-member", strip_annotations)
+    app.connect("doctree-read", draw_dashes)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
