@@ -29,7 +29,7 @@ class CalibrateOptions:
     out: Path
     """Folder of the results."""
     posteriors: tuple[str, ...] = ("refined", "mean field")
-    """Any of: 'refined', 'mean field', 'low rank', 'NUTS'; the last two are slow."""
+    """Any of: 'refined', 'informed spread', 'mean field', 'low rank', 'NUTS'; the last two are slow."""
     trials: int = 60
     """Scenes to draw; 200 tell more."""
     batch: int = 20
@@ -82,7 +82,7 @@ def _report(out: Path, draws: int, ranks: dict[str, dict[str, list[int]]]) -> No
 
 def _table(found: dict[str, dict[str, Uniformity]]) -> Table:
     table = Table(
-        title="p of uniform ranks | their spread (above 1: too narrow a posterior) | their shift (above 0: one too low)",
+        title="p of uniform ranks | their spread (above 1: too narrow a posterior) | their shift (above 0: too low)",
         box=box.SIMPLE_HEAD,
         title_justify="left",
     )

@@ -12,16 +12,17 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.evaluation.simulation_based_calibration import Sampler
 from avssl_pyro.guides.blind_start import BlindStart
+from avssl_pyro.guides.informed_spread import InformedSpreadGuide
 from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.guides.scene_families import LowRank, MeanField
 from avssl_pyro.inference.nuts import NutsConfig, sample_posteriors
 from avssl_pyro.inference.posterior_draws import PosteriorDraws, draw_from
-from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
+from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 LOWEST_HZ, HIGHEST_HZ = 500.0, 3000.0
-REFINED, MEAN_FIELD, LOW_RANK, NUTS = "refined", "mean field", "low rank", "NUTS"
+REFINED, INFORMED, MEAN_FIELD, LOW_RANK, NUTS = "refined", "informed spread", "mean field", "low rank", "NUTS"
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class SmallSystem:
 
     def model(self) -> SpatialCGMM:
         return SpatialCGMM(
-            self.steering_fdm, self.num_sources, SparseDirichlet(self.alpha), LogNormalWeights(self.sigma)
+            self.steering_fdm, self.num_sources, SymmetricDirichlet(self.alpha), LogNormalWeights(self.sigma)
         )
 
     def spectrogram(self) -> Tensor:
@@ -68,14 +69,14 @@ class SmallSystem:
 
     def refined(self) -> RefinedGuide:
         """Started blind, and taken all the way."""
-        config = RefinementConfig(rounds=200, tolerance=1e-6, softening=1.0, prior_sigma=self.sigma, alpha=self.alpha)
-        return RefinedGuide(BlindStart(self.num_sources, self.grid), self.steering_fdm, config)
+        config = RefinementConfig(rounds=200, tolerance=1e-6, softening=1.0)
+        return RefinedGuide(BlindStart(self.num_sources, self.grid), self.model(), config)
 
-    def samplers(self) -> dict[str, Sampler]:
-        """Posteriors by name, from quick to slow."""
+    def samplers(self, steps: int = 100) -> dict[str, Sampler]:
+        """Posteriors by name, from quick to slow; those fitted by gradients take so many steps, low rank twice."""
         model, refined = self.model(), self.refined()
-        mean_field = PerSceneGuide(model, refined, MeanField())
-        low_rank = PerSceneGuide(model, mean_field, LowRank(rank=4), PerSceneConfig(steps=200))
+        mean_field = PerSceneGuide(refined, model, MeanField(), PerSceneConfig(steps))
+        low_rank = PerSceneGuide(mean_field, model, LowRank(rank=4), PerSceneConfig(2 * steps))
         config = NutsConfig(draws=self.draws * self.thinning, warmup=self.warmup, chains=1)
 
         def by_guide(guide: nn.Module) -> Sampler:
@@ -86,12 +87,13 @@ class SmallSystem:
             return sample
 
         def by_nuts(x_bfmt: Tensor, image_bcij: Tensor, seeds: Sequence[int]) -> list[PosteriorDraws]:
-            clips = sample_posteriors(model, mean_field, x_bfmt, image_bcij, replace(config, seed=seeds[0]))
+            clips = sample_posteriors(mean_field, model, x_bfmt, image_bcij, replace(config, seed=seeds[0]))
             kept = slice(self.thinning - 1, None, self.thinning)
             return [PosteriorDraws(draws.w_skd[kept].float(), draws.pi_sk[kept].float()) for draws in clips]
 
         return {
             REFINED: by_guide(refined),
+            INFORMED: by_guide(InformedSpreadGuide(refined)),
             MEAN_FIELD: by_guide(mean_field),
             LOW_RANK: by_guide(low_rank),
             NUTS: by_nuts,

@@ -9,7 +9,10 @@ does not depend on the order means anything: sorted levels, the power from a sec
 """
 
 import copy
+import importlib.util
+import warnings
 from dataclasses import dataclass
+from typing import Any
 
 import pyro
 import torch
@@ -20,7 +23,9 @@ from tqdm import tqdm
 
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.per_scene import AnyGuide
+from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.guides.fitted import FittedPosterior
+from avssl_pyro.guides.per_scene import AnyGuide, dirichlet_of_moments
 from avssl_pyro.guides.unconstrained import UnconstrainedGaussian, log_normal_and_dirichlet
 from avssl_pyro.inference.posterior_draws import PosteriorDraws
 
@@ -77,25 +82,52 @@ class NutsDraws(PosteriorDraws):
         """Values (S, ...) of every draw as (chains, draws, ...)."""
         return values_s.unflatten(0, (self.chains, -1))
 
+    def to_arviz(self) -> Any:
+        """ArviZ's InferenceData: ``direction_weights``, ``mixing_levels`` and ``sample_stats.diverging``.
+
+        Raises:
+            InputError: ArviZ is not installed.
+        """
+        if importlib.util.find_spec("arviz") is None:
+            raise InputError("ArviZ is not installed; pip install 'avssl-pyro[notebooks]' adds it.")
+        with warnings.catch_warnings():
+            # Once a day it announces its next version when it is imported.
+            warnings.simplefilter("ignore", FutureWarning)
+            import arviz  # noqa: PLC0415 - an optional dependency
+
+        return arviz.from_dict(
+            posterior={
+                "direction_weights": self.by_chain(self.w_skd).numpy(),
+                "mixing_levels": self.by_chain(self.pi_sk).numpy(),
+            },
+            sample_stats={"diverging": self.by_chain(self.diverging_s).numpy()},
+            dims={"direction_weights": ["source", "direction"], "mixing_levels": ["source"]},
+        )
+
+    def moments(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Means and standard deviations (K, D) of log w, and concentrations (K,) of a Dirichlet like the levels."""
+        log_w_skd = self.w_skd.log()
+        return log_w_skd.mean(0), log_w_skd.std(0), dirichlet_of_moments(self.pi_sk[:, None])[0]
+
 
 def sample_posterior(
-    model: nn.Module, start: AnyGuide, x_fmt: Tensor, image_cij: Tensor, config: NutsConfig | None = None
+    start: AnyGuide, model: nn.Module, x_fmt: Tensor, image_cij: Tensor, config: NutsConfig | None = None
 ) -> NutsDraws:
     """Draws from p(w, pi | x) of one clip, in double precision.
 
     Args:
-        model: any with the latent sites of ``SpatialCGMM``.
         start: a guide; chains begin near its answer, and its spread is the scale of the first mass matrix.
+        model: any with the latent sites of ``SpatialCGMM``.
         x_fmt: spectrogram, complex (F, M, T).
         image_cij: picture, (3, I, J).
         config: how long.
     """
-    (draws,) = sample_posteriors(model, start, x_fmt[None], image_cij[None], config)
+    (draws,) = sample_posteriors(start, model, x_fmt[None], image_cij[None], config)
     return draws
 
 
 def sample_posteriors(
-    model: nn.Module, start: AnyGuide, x_bfmt: Tensor, image_bcij: Tensor, config: NutsConfig | None = None
+    start: AnyGuide, model: nn.Module, x_bfmt: Tensor, image_bcij: Tensor, config: NutsConfig | None = None
 ) -> list[NutsDraws]:
     """Draws of several clips at once, as :func:`sample_posterior` of each.
 
@@ -117,6 +149,40 @@ def sample_posteriors(
         NutsDraws(w_sbkd[:, b], pi_sbk[:, b], config.chains, diverging_s, potential.gradients)
         for b in range(len(x_bfmt))
     ]
+
+
+class NutsGuide(nn.Module):
+    """NUTS as a guide: log-normal weights and Dirichlet levels with the moments of its draws, clip by clip.
+
+    Args:
+        start, model, config: as of :func:`sample_posterior`.
+    """
+
+    fits_each_clip = True
+
+    def __init__(self, start: AnyGuide, model: nn.Module, config: NutsConfig | None = None) -> None:
+        super().__init__()
+        self.model = model
+        self.start = start
+        self.config = NutsConfig() if config is None else config
+
+    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
+        self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
+
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FittedPosterior:
+        """A guide of these clips, to be used more than once without sampling again."""
+        return FittedPosterior(self.parameters_of(x_bfmt, image_bcij))
+
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
+        """The draws' moments; activation maps are those of the start."""
+        with torch.no_grad(), poutine.block():
+            start = self.start.parameters_of(x_bfmt, image_bcij)
+        clips = zip(x_bfmt, image_bcij, strict=True)
+        draws = [sample_posterior(self.start, self.model, *clip, self.config) for clip in clips]
+        mu_bkd, sigma_bkd, concentration_bk = (
+            torch.stack(values).to(start.mu_bkd) for values in zip(*(clip.moments() for clip in draws), strict=True)
+        )
+        return GuideParameters(mu_bkd, sigma_bkd, concentration_bk, start.activation_bkij)
 
 
 class ScenePotential:
@@ -151,7 +217,12 @@ def _run_chain(potential: ScenePotential, config: NutsConfig, chain: int) -> tup
     """Draws (S, B, N) of one chain, and which of them diverged."""
     zero_bn = torch.zeros_like(potential.origin.loc_bn)
     # Far trajectories leave what distributions accept; that is what rejection is for.
-    with poutine.block(), pyro.validation_enabled(False), seeded(config.seed + chain, zero_bn.device):
+    with (
+        poutine.block(),
+        pyro.validation_enabled(False),
+        seeded(config.seed + chain, zero_bn.device),
+        torch.enable_grad(),
+    ):
         kernel = NUTS(
             potential_fn=potential,
             target_accept_prob=config.target_accept,

@@ -41,7 +41,8 @@ def draw_from(guide: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: int, se
     """
     with seeded(seed, x_fmt.device), poutine.block(), poutine.trace() as tracer, pyro.plate("draws", draws, dim=-2):
         guide(x_fmt[None], image_cij[None])
-    w_sbkd, pi_sbk = (tracer.trace.nodes[site]["value"] for site in ("direction_weights", "mixing_levels"))
+    nodes: Any = tracer.trace.nodes
+    w_sbkd, pi_sbk = (nodes[site]["value"] for site in ("direction_weights", "mixing_levels"))
     # A site that does not depend on the others may be drawn once for all of them.
     return PosteriorDraws(w_sbkd.expand(draws, 1, -1, -1)[:, 0], pi_sbk.expand(draws, 1, -1)[:, 0])
 
@@ -79,11 +80,12 @@ def replicate(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: Posteri
     return x_sbfmt.expand(len(draws), 1, *x_fmt.shape)[:, 0]
 
 
-def _likelihood(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws) -> dict[str, Any]:
+def _likelihood(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws) -> Any:
     """The site of the spectrogram at the given draws."""
-    latents = {"direction_weights": draws.w_skd[:, None].float(), "mixing_levels": draws.pi_sk[:, None].float()}
+    latents = {"direction_weights": draws.w_skd[:, None], "mixing_levels": draws.pi_sk[:, None]}
+    # NUTS draws in double precision, which the model's templates need not have.
+    latents = {site: value.to(x_fmt.real.dtype) for site, value in latents.items()}
     at_draws = poutine.condition(model, data=latents)
     with poutine.block(), poutine.trace() as tracer, pyro.plate("draws", len(draws), dim=-2):
         at_draws(x_fmt[None], image_cij[None])
-    site: dict[str, Any] = tracer.trace.nodes["spectrogram"]
-    return site
+    return tracer.trace.nodes["spectrogram"]
