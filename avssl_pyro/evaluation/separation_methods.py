@@ -35,11 +35,13 @@ class DelayAndSumAtTruth:
 
     Args:
         array: the microphones.
+        name: of this way.
         stft: in which they are delayed.
         reference: microphone, counted from 0.
     """
 
     array: MicrophoneArray
+    name: str = "delay and sum"
     stft: StftConfig = field(default_factory=lambda: SeparationConfig().stft)
     reference: int = 0
 
@@ -49,7 +51,7 @@ class DelayAndSumAtTruth:
         pressure = self.array.steering.model(self.array).pressure(mixture.unit_vectors_sx, self.stft.frequencies)
         steering_sfm = torch.from_numpy(pressure).transpose(0, 1)
         y_sft = torch.stack([delay_and_sum(x_fmt, steering_fm, self.reference) for steering_fm in steering_sfm])
-        return {"delay and sum, true directions": list(istft(y_sft, self.stft, audio_mn.shape[-1]).float().numpy())}
+        return {self.name: list(istft(y_sft, self.stft, audio_mn.shape[-1]).float().numpy())}
 
 
 @dataclass(frozen=True)
