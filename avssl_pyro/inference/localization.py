@@ -68,7 +68,7 @@ class LocalizedSource:
         azimuth_std: posterior standard deviation of the azimuth.
         level: mixing level, the share of time-frequency bins the source dominates.
         level_std: posterior standard deviation of the level.
-        source_class: index k of the source class; where several were merged, the loudest one's.
+        source_class: index k of the source class; where two were merged, the louder one's.
         merged_classes: the others that were merged into it.
     """
 
