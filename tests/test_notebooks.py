@@ -1,5 +1,6 @@
 """The notebooks are stored clean, run as they stand, and what they tell a user to write is short."""
 
+import ast
 import json
 import os
 import subprocess
@@ -22,6 +23,8 @@ NAMES = [
 # What a user writes to have a prior, a likelihood or a guide of one's own.
 OWN_CELLS = {"2-swapping-priors": 2, "3-swapping-guides": 1}
 MOST_OWN_LINES = 15
+# Of any cell but that of the imports.
+MOST_LINES = 18
 
 each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 
@@ -60,19 +63,18 @@ def test_a_notebook_is_stored_without_results(path):
 @each_notebook
 def test_short_values_replace_parameters_that_are_there(path):
     (parameters,) = cells(path, "parameters")
-    assert parameters is next(cell for cell in cells(path) if cell.cell_type == "code") or (
-        parameters.id == next(cell.id for cell in cells(path) if cell.cell_type == "code")
-    )
-    names = {line.split("=")[0].strip() for line in code_lines(parameters)}
+    first_code = next(cell for cell in cells(path) if cell.cell_type == "code")
+    assert parameters == first_code
+    names = {node.id for node in ast.walk(ast.parse(parameters.source)) if isinstance(node, ast.Name)}
     assert set(parameters.metadata["short"]) <= names
 
 
 @each_notebook
-def test_every_code_cell_is_small_and_introduced(path):
+def test_a_notebook_has_a_title_and_small_cells(path):
     assert cells(path)[0].source.startswith("# ")
     for cell in cells(path):
-        if cell.cell_type == "code" and "import" not in cell.source:
-            assert len(code_lines(cell)) <= 20, cell.source
+        if cell.cell_type == "code" and "%matplotlib" not in cell.source:
+            assert len(code_lines(cell)) <= MOST_LINES, cell.source
 
 
 @pytest.mark.parametrize("name", OWN_CELLS)
