@@ -34,7 +34,7 @@ build/notebooks/%.ipynb: notebooks/%.ipynb | $(STAMP)
 
 # Warnings are errors. A second run builds what has changed.
 docs: $(DOCS_STAMP)
-	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --jobs 2 docs build/docs
+	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs 2 docs build/docs
 
 $(DOCS_STAMP): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[docs]"
