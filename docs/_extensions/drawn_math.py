@@ -42,9 +42,11 @@ class TaggedEquations(SphinxTransform):
 def svg(node: nodes.math | nodes.math_block) -> str:
     """The equation in the size and colour of the text, with its TeX for those who listen to the page."""
     text = TAG.sub("", node.astext()).strip()
+    # Of the relations this one alone is drawn without space around it.
+    spaced = re.sub(r"\\sim\b", r"\\;\\sim\\;", text)
     inline = isinstance(node, nodes.math)
     try:
-        drawing = ziamath.Latex(text, size=SIZE, color="currentColor", inline=inline)
+        drawing = ziamath.Latex(spaced, size=SIZE, color="currentColor", inline=inline)
     except Exception as error:
         logger.warning("this cannot be drawn: %s (%s)", text, error, location=node)
         return ""
