@@ -75,6 +75,7 @@ class SmallSystem:
     def samplers(self, steps: int = 100) -> dict[str, Sampler]:
         """Posteriors by name, from quick to slow; those fitted by gradients take so many steps, low rank twice."""
         model, refined = self.model(), self.refined()
+        informed = InformedSpreadGuide(refined)
         mean_field = PerSceneGuide(refined, model, MeanField(), PerSceneConfig(steps))
         low_rank = PerSceneGuide(mean_field, model, LowRank(rank=4), PerSceneConfig(2 * steps))
         config = NutsConfig(draws=self.draws * self.thinning, warmup=self.warmup, chains=1)
@@ -87,13 +88,13 @@ class SmallSystem:
             return sample
 
         def by_nuts(x_bfmt: Tensor, image_bcij: Tensor, seeds: Sequence[int]) -> list[PosteriorDraws]:
-            clips = sample_posteriors(mean_field, model, x_bfmt, image_bcij, replace(config, seed=seeds[0]))
+            clips = sample_posteriors(informed, model, x_bfmt, image_bcij, replace(config, seed=seeds[0]))
             kept = slice(self.thinning - 1, None, self.thinning)
             return [PosteriorDraws(draws.w_skd[kept].float(), draws.pi_sk[kept].float()) for draws in clips]
 
         return {
             REFINED: by_guide(refined),
-            INFORMED: by_guide(InformedSpreadGuide(refined)),
+            INFORMED: by_guide(informed),
             MEAN_FIELD: by_guide(mean_field),
             LOW_RANK: by_guide(low_rank),
             NUTS: by_nuts,

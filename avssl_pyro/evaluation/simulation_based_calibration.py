@@ -82,17 +82,23 @@ def run_trials(
     if (weight := getattr(model, "bin_weight", 1.0)) != 1:
         raise InputError(f"calibration: the model has bin_weight {weight}; data can be drawn from it only at 1.")
     image_cij = torch.zeros(3, 1, 1, dtype=x_fmt.real.dtype)
-    truths = [prior_draws(model, x_fmt, image_cij, 1, seed) for seed in seeds]
+    # The same noise in the truth, in the data and in the posterior's draws would make them agree.
+    of_truth, of_data, of_draws = zip(*(_apart(seed) for seed in seeds), strict=True)
+    truths = [prior_draws(model, x_fmt, image_cij, 1, seed) for seed in of_truth]
     x_bfmt = torch.cat(
-        [replicate(model, x_fmt, image_cij, truth, seed) for truth, seed in zip(truths, seeds, strict=True)]
+        [replicate(model, x_fmt, image_cij, truth, seed) for truth, seed in zip(truths, of_data, strict=True)]
     )
-    draws = {
-        name: sampler(x_bfmt, image_cij.expand(len(seeds), -1, -1, -1), seeds) for name, sampler in samplers.items()
-    }
+    image_bcij = image_cij.expand(len(seeds), -1, -1, -1)
+    draws = {name: sampler(x_bfmt, image_bcij, of_draws) for name, sampler in samplers.items()}
     return [
         {name: _ranks(model, x_bfmt[b], image_cij, truth, clips[b]) for name, clips in draws.items()}
         for b, truth in enumerate(truths)
     ]
+
+
+def _apart(seed: int) -> list[int]:
+    """Three seeds for one."""
+    return [int(part) for part in np.random.SeedSequence(seed).generate_state(3)]
 
 
 def _ranks(

@@ -26,7 +26,7 @@ BLIND = SpatialCGMM(
 
 def from_the_prior(x_bfmt: Tensor, image_bcij: Tensor, seeds: Sequence[int]) -> list[PosteriorDraws]:
     return [
-        prior_draws(BLIND, x_fmt, image_cij, L, seed + 10_000)
+        prior_draws(BLIND, x_fmt, image_cij, L, seed)
         for x_fmt, image_cij, seed in zip(x_bfmt, image_bcij, seeds, strict=True)
     ]
 
