@@ -3,14 +3,12 @@
 A single forward pass knows what such pictures and recordings have in common; a few rounds of closed-form ascent of the
 posterior fit the one at hand. The visual network says where to start and, if wanted, gives a prior that keeps the
 picture in. All classes start at equal levels: one that starts quiet stays so, and a talker it alone looks at is lost.
-The standard deviations of log w are lower bounds, see :mod:`avssl_pyro.distributions.ascent`. Priors and likelihood are
-the model's, see :mod:`avssl_pyro.guides.model_ascent` for those that can be swapped.
+The standard deviations of log w come from the expected information, see :mod:`avssl_pyro.distributions.ascent`. Priors
+and likelihood are the model's, see :mod:`avssl_pyro.guides.model_ascent` for those that can be swapped.
 """
 
 from dataclasses import dataclass
 
-import pyro
-import pyro.distributions as dist
 import torch
 import torch.nn.functional as F
 from pyro.nn import PyroModule
@@ -20,6 +18,7 @@ from avssl_pyro.distributions.ascent import MixtureAscent, MixturePoint
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.directions import DirectionStart, GuideParameters
+from avssl_pyro.guides.fitted import FittedPosterior
 from avssl_pyro.guides.model_ascent import check_ascent, model_ascent
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -83,10 +82,11 @@ class RefinedGuide(PyroModule):
         self.config = config
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
-        parameters = self.parameters_of(x_bfmt, image_bcij)
-        with pyro.plate("clip", x_bfmt.shape[0], dim=-1):
-            pyro.sample("direction_weights", dist.LogNormal(parameters.mu_bkd, parameters.sigma_bkd).to_event(2))
-            pyro.sample("mixing_levels", dist.Dirichlet(parameters.concentration_bk))
+        self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
+
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FittedPosterior:
+        """A guide of these clips, to be used more than once without climbing again."""
+        return FittedPosterior(self.parameters_of(x_bfmt, image_bcij))
 
     @torch.no_grad()
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
@@ -96,11 +96,13 @@ class RefinedGuide(PyroModule):
         mu_bkd = F.pad(mu_bkd, (0, 0, 0, config.extra_classes))
         activation_bkij = F.pad(activation_bkij, (0, 0, 0, 0, 0, config.extra_classes))
         equal_bk = mu_bkd.new_full(mu_bkd.shape[:-1], 1 / mu_bkd.shape[-2])
-        point = self._climb(self._ascent(x_bfmt, mu_bkd), config.softening * mu_bkd, equal_bk)
+        ascent = self._ascent(x_bfmt, mu_bkd)
+        point = self._climb(ascent, config.softening * mu_bkd, equal_bk)
+        sigma_bkd, concentration_bk = ascent.uncertainty(point)
         return GuideParameters(
             mu_bkd=point.log_w_bkd,
-            sigma_bkd=point.precision_bkd.rsqrt(),
-            concentration_bk=point.counts_bk.clamp_min(LEAST_CONCENTRATION),
+            sigma_bkd=sigma_bkd,
+            concentration_bk=concentration_bk.clamp_min(LEAST_CONCENTRATION),
             activation_bkij=activation_bkij + _over_columns(point.log_w_bkd - mu_bkd, activation_bkij),
         )
 

@@ -93,17 +93,29 @@ class FrameActivity:
 
     Args:
         activity: prior probability that a class sounds in a frame.
+        most_active: classes that may sound in one frame; None for all. Fewer are faster.
     """
 
     activity: float = 0.5
+    most_active: int | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.activity < 1:
             raise InputError(f"FrameActivity: activity is {self.activity}; it must be between 0 and 1.")
+        if self.most_active is not None and self.most_active < 1:
+            raise InputError(
+                f"FrameActivity: most_active is {self.most_active}; it must be at least 1, or None for all."
+            )
 
     def __call__(
         self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float
     ) -> ActivityMixture:
         return ActivityMixture(
-            template_dfmm, w_bkd, pi_bk, num_frames=num_frames, activity=self.activity, diffuse=diffuse
+            template_dfmm,
+            w_bkd,
+            pi_bk,
+            num_frames=num_frames,
+            activity=self.activity,
+            most_active=self.most_active,
+            diffuse=diffuse,
         )

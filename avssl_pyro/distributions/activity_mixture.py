@@ -20,12 +20,13 @@ class ActivityMixture(SpatialMixture):
 
         frame t:  s_t (not all off) ──► pi_t ──► z_tf ──► x_tf    frequency f, given the frame
 
-    The patterns s_t in {0, 1}^K are summed out exactly, so speech that pauses does not cost its talker his level: pi is
-    the share of the sound of a class while it is on.
+    The patterns s_t in {0, 1}^K, of which silence and those with more than ``most_active`` classes are ruled out, are
+    summed over exactly. Speech that pauses does not cost its talker's level: pi is the share of a class while it is on.
 
     Args:
         template_dfmm, w, pi, num_frames, diffuse, psd_bfkt: as of :class:`SpatialMixture`; K at most 10.
         activity: prior probability that a class is on, between 0 and 1.
+        most_active: classes that may be on in a frame; None for all. Fewer are faster.
 
     Raises:
         ValueError: too many classes, or as :class:`SpatialMixture`.
@@ -39,6 +40,7 @@ class ActivityMixture(SpatialMixture):
         *,
         num_frames: int,
         activity: float,
+        most_active: int | None = None,
         diffuse: float = 0.1,
         psd_bfkt: Tensor | None = None,
         validate_args: bool | None = None,
@@ -48,6 +50,7 @@ class ActivityMixture(SpatialMixture):
                 f"{pi.shape[-1]} source classes have too many patterns of activity; use at most {MOST_SOURCES}."
             )
         self.activity = activity
+        self.most_active = pi.shape[-1] if most_active is None else most_active
         super().__init__(
             template_dfmm,
             w,
@@ -60,17 +63,18 @@ class ActivityMixture(SpatialMixture):
 
     def expand(self, batch_shape: Any, _instance: Any = None) -> "ActivityMixture":
         new: ActivityMixture = type(self).__new__(type(self)) if _instance is None else _instance
-        new.activity = self.activity
+        new.activity, new.most_active = self.activity, self.most_active
         super().expand(batch_shape, new)
         return new
 
     @property
     def _patterns_sk(self) -> Tensor:
-        """All patterns but silence, (2^K - 1, K)."""
-        return self.pi.new_tensor(list(product((0.0, 1.0), repeat=self.pi.shape[-1]))[1:])
+        """All patterns that are possible, (S, K)."""
+        patterns = product((0.0, 1.0), repeat=self.pi.shape[-1])
+        return self.pi.new_tensor([pattern for pattern in patterns if 0 < sum(pattern) <= self.most_active])
 
     def _log_prior_s(self) -> Tensor:
-        """Of every pattern, given that not all classes are off."""
+        """Of every pattern, given that it is possible."""
         pattern_sk = self._patterns_sk
         on = pattern_sk.new_tensor(self.activity).logit()
         return (on * pattern_sk.sum(-1)).log_softmax(-1)
