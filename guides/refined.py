@@ -3,8 +3,8 @@
 A single forward pass knows what such pictures and recordings have in common; a few rounds of closed-form ascent of the
 posterior fit the one at hand. The visual network says where to start and, if wanted, gives a prior that keeps the
 picture in. All classes start at equal levels: one that starts quiet stays so, and a talker it alone looks at is lost.
-The standard deviations of log w are lower bounds, see :mod:`avssl_pyro.distributions.ascent`. Priors and likelihood are
-the model's, see :mod:`avssl_pyro.guides.model_ascent` for those that can be swapped.
+The standard deviations of log w come from the expected information, see :mod:`avssl_pyro.distributions.ascent`. Priors
+and likelihood are the model's, see :mod:`avssl_pyro.guides.model_ascent` for those that can be swapped.
 """
 
 from dataclasses import dataclass
@@ -96,11 +96,13 @@ class RefinedGuide(PyroModule):
         mu_bkd = F.pad(mu_bkd, (0, 0, 0, config.extra_classes))
         activation_bkij = F.pad(activation_bkij, (0, 0, 0, 0, 0, config.extra_classes))
         equal_bk = mu_bkd.new_full(mu_bkd.shape[:-1], 1 / mu_bkd.shape[-2])
-        point = self._climb(self._ascent(x_bfmt, mu_bkd), config.softening * mu_bkd, equal_bk)
+        ascent = self._ascent(x_bfmt, mu_bkd)
+        point = self._climb(ascent, config.softening * mu_bkd, equal_bk)
+        sigma_bkd, concentration_bk = ascent.uncertainty(point)
         return GuideParameters(
             mu_bkd=point.log_w_bkd,
-            sigma_bkd=point.precision_bkd.rsqrt(),
-            concentration_bk=point.counts_bk.clamp_min(LEAST_CONCENTRATION),
+            sigma_bkd=sigma_bkd,
+            concentration_bk=concentration_bk.clamp_min(LEAST_CONCENTRATION),
             activation_bkij=activation_bkij + _over_columns(point.log_w_bkd - mu_bkd, activation_bkij),
         )
 

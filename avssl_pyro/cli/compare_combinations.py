@@ -23,7 +23,7 @@ from avssl_pyro.evaluation.combinations import RECIPES, CombinationRow, Recipe, 
 from avssl_pyro.inference.checkpoint import fingerprint
 from avssl_pyro.inference.pretrained import MOST_GENERAL
 
-COLUMNS = ("guide", "levels", "directions", "likelihood", "F", "count", "ELBO", "ms/clip")
+COLUMNS = ("combination", "F", "count", "ELBO", "ms/clip")
 
 
 @dataclass(frozen=True)
@@ -117,10 +117,7 @@ def _read(path: Path) -> CombinationRow:
 
 def _cells(row: CombinationRow) -> tuple[str, ...]:
     return (
-        row.guide,
-        row.levels,
-        row.directions,
-        row.likelihood,
+        row.name,
         f"{row.f_measure:.3f} ({row.f_low:.2f}-{row.f_high:.2f})",
         f"{row.count_accuracy:.3f} ({row.count_low:.2f}-{row.count_high:.2f})",
         f"{row.elbo:.4f}",
@@ -130,14 +127,14 @@ def _cells(row: CombinationRow) -> tuple[str, ...]:
 
 def markdown(rows: Sequence[CombinationRow]) -> str:
     """The table as Markdown."""
-    lines = [f"| {' | '.join(COLUMNS)} |", "|---|---|---|---|---:|---:|---:|---:|"]
+    lines = [f"| {' | '.join(COLUMNS)} |", "|---|---:|---:|---:|---:|"]
     return "\n".join([*lines, *(f"| {' | '.join(_cells(row))} |" for row in rows), ""])
 
 
 def _print(rows: Sequence[CombinationRow]) -> None:
-    table = Table(box=box.SIMPLE_HEAD)
+    table = Table(box=box.SIMPLE_HEAD, caption=f"If not said: {', '.join(Recipe().words[1:])}.")
     for index, name in enumerate(COLUMNS):
-        table.add_column(name, justify="left" if index < 4 else "right", overflow="fold")
+        table.add_column(name, justify="right" if index else "left")
     for row in rows:
         table.add_row(*_cells(row))
     Console().print(table)

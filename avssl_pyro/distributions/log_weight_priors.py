@@ -18,8 +18,13 @@ class LogWeightPrior(Protocol):
         """d log p / d log w, (B, K, D)."""
         ...
 
-    def precision(self, log_w_bkd: Tensor) -> Tensor:
-        """Diagonal of a curvature that bounds -log p from above around log w, not negative, (B, K, D)."""
+    def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:
+        """Diagonal of a curvature that bounds -log p from above around log w, not negative, (B, K, D).
+
+        Args:
+            log_w_bkd: where.
+            variance_bkd: take its mean over a normal distribution about log w of this variance.
+        """
         ...
 
     def newton_step(self, gradient_bkd: Tensor, curvature_bkd: Tensor, log_w_bkd: Tensor) -> Tensor:
@@ -40,7 +45,7 @@ class LogWeightPrior(Protocol):
 class _Independent:
     """Directions know nothing of each other, so a Newton step is a division."""
 
-    def precision(self, log_w_bkd: Tensor) -> Tensor:
+    def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:
         raise NotImplementedError
 
     def newton_step(self, gradient_bkd: Tensor, curvature_bkd: Tensor, log_w_bkd: Tensor) -> Tensor:
@@ -56,7 +61,7 @@ class NormalLogWeights(_Independent):
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return -log_w_bkd / self.sigma**2
 
-    def precision(self, log_w_bkd: Tensor) -> Tensor:
+    def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:  # noqa: ARG002
         return torch.full_like(log_w_bkd, self.sigma**-2)
 
     def shift(self, log_w_bkd: Tensor) -> Tensor:
@@ -72,8 +77,8 @@ class GammaLogWeights(_Independent):
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return self.shape * (1 - log_w_bkd.exp())
 
-    def precision(self, log_w_bkd: Tensor) -> Tensor:
-        return self.shape * log_w_bkd.exp()
+    def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:
+        return self.shape * (log_w_bkd + variance_bkd / 2).exp()
 
     def shift(self, log_w_bkd: Tensor) -> Tensor:
         return -_log_mean_exp(log_w_bkd)
@@ -88,8 +93,8 @@ class HalfNormalLogWeights(_Independent):
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return 1 - (2 * log_w_bkd).exp() / self.sigma**2
 
-    def precision(self, log_w_bkd: Tensor) -> Tensor:
-        return 2 * (2 * log_w_bkd).exp() / self.sigma**2
+    def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:
+        return 2 * (2 * (log_w_bkd + variance_bkd)).exp() / self.sigma**2
 
     def shift(self, log_w_bkd: Tensor) -> Tensor:
         return 0.5 * (2 * log_w_bkd.new_tensor(self.sigma).log() - _log_mean_exp(2 * log_w_bkd))
@@ -115,7 +120,7 @@ class MixedLogWeights(_Independent):
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return (self._expected_mean(log_w_bkd) - log_w_bkd) / self.sigma**2
 
-    def precision(self, log_w_bkd: Tensor) -> Tensor:
+    def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:  # noqa: ARG002
         return torch.full_like(log_w_bkd, self.sigma**-2)
 
     def shift(self, log_w_bkd: Tensor) -> Tensor:
@@ -135,7 +140,7 @@ class CorrelatedLogWeights:
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return -log_w_bkd @ self.precision_dd
 
-    def precision(self, log_w_bkd: Tensor) -> Tensor:
+    def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:  # noqa: ARG002
         return self.precision_dd.diagonal().expand_as(log_w_bkd)
 
     def newton_step(self, gradient_bkd: Tensor, curvature_bkd: Tensor, log_w_bkd: Tensor) -> Tensor:  # noqa: ARG002

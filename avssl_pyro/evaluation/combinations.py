@@ -159,6 +159,12 @@ class CombinationRow:
     ms_per_clip: float
     thresholds: dict[str, float]
 
+    @property
+    def name(self) -> str:
+        """The guide, and whatever is not as in the paper."""
+        parts = zip((self.levels, self.directions, self.likelihood), Recipe().words[1:], strict=True)
+        return ", ".join([self.guide, *(part for part, usual in parts if part != usual)])
+
 
 class _Watched(nn.Module):
     """The guide of a combination, whose time is taken and whose ELBO is estimated while it localizes.

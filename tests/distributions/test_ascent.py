@@ -1,6 +1,6 @@
 """The closed-form ascent: it never falls, it finds what is there, and its spread is that of the posterior."""
 
-import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,15 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.distributions.ascent import MixtureAscent, Tail
-from avssl_pyro.distributions.log_weight_priors import LogWeightPrior, NormalLogWeights
+from avssl_pyro.distributions.log_weight_priors import (
+    GammaLogWeights,
+    HalfNormalLogWeights,
+    LogWeightPrior,
+    NormalLogWeights,
+)
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
+from avssl_pyro.distributions.student_mixture import StudentMixture
 from avssl_pyro.models.likelihoods import InverseGammaPsd, ProfiledGaussian
 from avssl_pyro.models.priors import (
     CircularWeights,
@@ -140,17 +146,71 @@ def test_silence_stays_finite() -> None:
 
 def test_a_weight_is_so_many_copies_of_every_frame(x_bfmt: Tensor) -> None:
     thrice = x_bfmt.repeat_interleave(3, dim=-1)
-    weighted = make_ascent(x_bfmt, 2.0, alpha=0.5, weight=3.0).step(*start())
-    copied = make_ascent(thrice, 2.0, alpha=0.5).step(*start())
+    ascents = make_ascent(x_bfmt, 2.0, alpha=0.5, weight=3.0), make_ascent(thrice, 2.0, alpha=0.5)
+    weighted, copied = (ascent.step(*start()) for ascent in ascents)
     torch.testing.assert_close(weighted.log_w_bkd, copied.log_w_bkd)
-    torch.testing.assert_close(weighted.precision_bkd, copied.precision_bkd)
     torch.testing.assert_close(weighted.counts_bk, copied.counts_bk)
     torch.testing.assert_close(weighted.log_likelihood_b, copied.log_likelihood_b)
+    for found, expected in zip(ascents[0].uncertainty(weighted), ascents[1].uncertainty(copied), strict=True):
+        torch.testing.assert_close(found, expected)
 
 
 def test_more_data_means_less_spread(x_bfmt: Tensor) -> None:
     spreads = []
     for frames in (T // 3, T):
         ascent = make_ascent(x_bfmt[..., :frames], 1.0, alpha=0.01)
-        spreads.append(ascent.step(*start()).precision_bkd.rsqrt().mean().item())
-    assert spreads[1] < spreads[0] < math.inf
+        spreads.append(ascent.uncertainty(ascent.step(*start()))[0].mean().item())
+    assert spreads[1] < spreads[0] < 1.0
+
+
+@pytest.mark.parametrize("likelihood", [ProfiledGaussian(), InverseGammaPsd(0.7, 0.4)], ids=str)
+def test_the_spread_is_that_of_the_expected_information(likelihood: ProfiledGaussian | InverseGammaPsd) -> None:
+    """Of one class the information is the variance of the score over data drawn from the model."""
+    torch.manual_seed(0)
+    frames, prior_precision = 4000, 5.0
+    log_w_11d = 0.5 * torch.randn(1, 1, D, dtype=torch.float64)
+    pi_bk = torch.ones(1, 1, dtype=torch.float64)
+    student = StudentMixture(
+        TEMPLATE_DFMM, log_w_11d.exp(), pi_bk, num_frames=frames, psd_shape=0.7, psd_scale=0.4, diffuse=0.05
+    )
+    # The angular central Gaussian is that of every power, so these draws serve for both.
+    x_bfmt, log_w = student.sample(), log_w_11d.requires_grad_()
+    per_bin = likelihood(TEMPLATE_DFMM, log_w.exp(), pi_bk, frames, 0.05).component_log_prob(x_bfmt)[0, :, 0]
+    chunks = per_bin.unflatten(-1, (-1, 10)).sum((0, -1))
+    scores = torch.stack([torch.autograd.grad(chunk, log_w, retain_graph=True)[0][0, 0] for chunk in chunks])
+    information_d = scores.square().mean(0) * (frames / 10)
+    observed = observe(x_bfmt)
+    prior = NormalLogWeights(prior_precision**-0.5)
+    ascent = MixtureAscent(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
+    point = ascent.step(log_w.detach(), pi_bk)
+    at_the_truth = replace(point, log_w_bkd=log_w.detach())
+    expected_d = (information_d + prior_precision).rsqrt()
+    assert ascent.uncertainty(at_the_truth)[0][0, 0].numpy() == pytest.approx(expected_d.numpy(), rel=0.2)
+
+
+@pytest.mark.parametrize("prior", [GammaLogWeights(0.5), HalfNormalLogWeights(1.0)], ids=str)
+def test_silent_directions_spread_far_under_priors_that_let_them(x_bfmt: Tensor, prior: LogWeightPrior) -> None:
+    ascent = make_ascent(x_bfmt, prior, alpha=0.01)
+    log_w_bkd, pi_bk = start()
+    for _ in range(20):
+        point = ascent.step(log_w_bkd, pi_bk)
+        log_w_bkd, pi_bk = point.log_w_bkd, point.pi_bk
+    spread_bkd, _ = ascent.uncertainty(point)
+    assert spread_bkd.isfinite().all()
+    assert spread_bkd.max() <= 4.0
+    quiet, loud = log_w_bkd.flatten().argsort()[[0, -1]]
+    assert spread_bkd.flatten()[quiet] > spread_bkd.flatten()[loud]
+
+
+def test_counts_are_worth_less_where_classes_look_alike(x_bfmt: Tensor) -> None:
+    ascent, (_, pi_bk) = make_ascent(x_bfmt, 1.0, alpha=0.5), start()
+    worth = []
+    for contrast in (0.0, 0.3, 6.0):
+        log_w_bkd = torch.zeros(2, K, D, dtype=torch.float64)
+        for k, d in enumerate(TRUE_DIRECTIONS):
+            log_w_bkd[:, k, d] = contrast
+        point = ascent.step(log_w_bkd, pi_bk)
+        at_the_start = replace(point, log_w_bkd=log_w_bkd)
+        worth.append(ascent.uncertainty(at_the_start)[1].sum(-1).mean().item())
+    assert worth[0] == pytest.approx(0.5 * K, abs=1e-6)
+    assert worth[0] < worth[1] < worth[2] < F * T + 0.5 * K

@@ -107,6 +107,15 @@ def test_activity_sums_over_every_pattern_of_every_frame(latents: tuple[Tensor, 
     torch.testing.assert_close(activity(latents, probability).log_prob(x_bfmt), expected_b)
 
 
+def test_patterns_with_too_many_classes_on_are_ruled_out(latents: tuple[Tensor, Tensor], x_bfmt: Tensor) -> None:
+    """With one class at a time a frame belongs to one class."""
+    single = ActivityMixture(TEMPLATE_DFMM, *latents, num_frames=T, activity=0.3, most_active=1)
+    component_bfkt = SpatialMixture(TEMPLATE_DFMM, *latents, num_frames=T).component_log_prob(x_bfmt)
+    expected_b = (component_bfkt.sum(-3).logsumexp(-2) - math.log(K)).sum(-1)
+    torch.testing.assert_close(single.log_prob(x_bfmt), expected_b)
+    torch.testing.assert_close(single.active(x_bfmt).sum(-2), torch.ones(B, T, dtype=torch.float64))
+
+
 def test_classes_that_are_nearly_always_on_are_the_papers_mixture(
     latents: tuple[Tensor, Tensor], x_bfmt: Tensor
 ) -> None:

