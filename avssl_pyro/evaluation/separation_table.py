@@ -41,10 +41,15 @@ def separation_table(trials: Trials, title: str, ours: str, baseline: str) -> Re
     return ResultTable(title, columns, tuple(lines), _notes(trials, ours, baseline), corner="separated by")
 
 
-def lead(trials: Trials, name: str, over: str) -> tuple[float, Interval]:
-    """Mean lead of one way over another on the same mixtures, against the image, dB, and its interval."""
-    lead_b = _mixtures([trial[name] for trial in trials])[0] - _mixtures([trial[over] for trial in trials])[0]
-    return float(lead_b.mean()), bootstrap_mean(lead_b)
+def lead(trials: Trials, name: str, over: str) -> tuple[tuple[float, Interval], tuple[float, Interval]]:
+    """Mean lead of one way over another on the same mixtures, dB, with its interval: image first, then direct sound."""
+    image, direct = (
+        ours_b - theirs_b
+        for ours_b, theirs_b in zip(
+            _mixtures([trial[name] for trial in trials]), _mixtures([trial[over] for trial in trials]), strict=True
+        )
+    )
+    return (float(image.mean()), bootstrap_mean(image)), (float(direct.mean()), bootstrap_mean(direct))
 
 
 def _talkers(found: Sequence[Improvements]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
@@ -58,10 +63,11 @@ def _mixtures(found: Sequence[Improvements]) -> tuple[npt.NDArray[np.float64], n
 
 def _notes(trials: Trials, ours: str, baseline: str) -> tuple[str, ...]:
     image, direct = _talkers([trial[UNPROCESSED] for trial in trials])
-    mean, interval = lead(trials, ours, baseline)
+    (image_lead, image_interval), (direct_lead, direct_interval) = lead(trials, ours, baseline)
     return (
         f"{UNPROCESSED}: SI-SDR {image.mean():.1f} dB against the image, {direct.mean():.1f} dB against direct sound.",
-        f"{ours}: {mean:.1f} dB ({_bounds(interval)}) above {baseline}.",
+        f"{ours} above {baseline}: {image_lead:.1f} dB ({_bounds(image_interval)}) against the image, "
+        f"{direct_lead:.1f} dB ({_bounds(direct_interval)}) against direct sound.",
     )
 
 
