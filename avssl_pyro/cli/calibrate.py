@@ -29,7 +29,7 @@ class CalibrateOptions:
     out: Path
     """Folder of the results."""
     posteriors: tuple[str, ...] = ("refined", "mean field")
-    """Any of: 'refined', 'informed spread', 'mean field', 'low rank', 'NUTS'; the last two are slow."""
+    """Any of: 'refined', 'mean field', 'low rank', 'NUTS'; the last two are slow."""
     trials: int = 60
     """Scenes to draw; 200 tell more."""
     batch: int = 20

@@ -12,7 +12,6 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.evaluation.simulation_based_calibration import Sampler
 from avssl_pyro.guides.blind_start import BlindStart
-from avssl_pyro.guides.informed_spread import InformedSpreadGuide
 from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.guides.scene_families import LowRank, MeanField
@@ -22,7 +21,7 @@ from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 LOWEST_HZ, HIGHEST_HZ = 500.0, 3000.0
-REFINED, INFORMED, MEAN_FIELD, LOW_RANK, NUTS = "refined", "informed spread", "mean field", "low rank", "NUTS"
+REFINED, MEAN_FIELD, LOW_RANK, NUTS = "refined", "mean field", "low rank", "NUTS"
 
 
 @dataclass(frozen=True)
@@ -75,7 +74,6 @@ class SmallSystem:
     def samplers(self, steps: int = 100) -> dict[str, Sampler]:
         """Posteriors by name, from quick to slow; those fitted by gradients take so many steps, low rank twice."""
         model, refined = self.model(), self.refined()
-        informed = InformedSpreadGuide(refined)
         mean_field = PerSceneGuide(refined, model, MeanField(), PerSceneConfig(steps))
         low_rank = PerSceneGuide(mean_field, model, LowRank(rank=4), PerSceneConfig(2 * steps))
         config = NutsConfig(draws=self.draws * self.thinning, warmup=self.warmup, chains=1)
@@ -88,13 +86,12 @@ class SmallSystem:
             return sample
 
         def by_nuts(x_bfmt: Tensor, image_bcij: Tensor, seeds: Sequence[int]) -> list[PosteriorDraws]:
-            clips = sample_posteriors(informed, model, x_bfmt, image_bcij, replace(config, seed=seeds[0]))
+            clips = sample_posteriors(refined, model, x_bfmt, image_bcij, replace(config, seed=seeds[0]))
             kept = slice(self.thinning - 1, None, self.thinning)
             return [PosteriorDraws(draws.w_skd[kept].float(), draws.pi_sk[kept].float()) for draws in clips]
 
         return {
             REFINED: by_guide(refined),
-            INFORMED: by_guide(informed),
             MEAN_FIELD: by_guide(mean_field),
             LOW_RANK: by_guide(low_rank),
             NUTS: by_nuts,
