@@ -74,6 +74,18 @@ def stft(audio_bmn: Tensor, config: StftConfig) -> Tensor:
     return x_ft.reshape(b, m, *x_ft.shape[-2:])[:, :, config.bins].transpose(1, 2).contiguous()
 
 
+def istft(x_bft: Tensor, config: StftConfig, num_samples: int) -> Tensor:
+    """Audio (B, num_samples) of spectrograms (B, F, T): what :func:`stft` came from, as near as one can get.
+
+    Raises:
+        ValueError: the band is not the whole one, or windows do not overlap enough to be undone.
+    """
+    if config.bins != slice(0, config.window // 2 + 1, 1) or 2 * config.hop > config.window:
+        raise ValueError(f"{config} keeps too little to get back to audio: whole band and half-overlap are needed.")
+    window = torch.hann_window(config.window, dtype=x_bft.real.dtype, device=x_bft.device)
+    return torch.istft(x_bft, config.window, config.hop, window=window, center=True, length=num_samples)
+
+
 def loud_frames(x_fmt: Tensor, below_db: float) -> Tensor:
     """Mask, (T,), of the frames of a spectrogram, (F, M, T), at most so many decibels below the loudest of them.
 

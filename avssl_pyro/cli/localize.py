@@ -18,6 +18,7 @@ from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recordi
 from avssl_pyro.data.clip import Clip
 from avssl_pyro.data.csv_table import read_csv_table
 from avssl_pyro.data.files import read_clip
+from avssl_pyro.data.separated_sound import write_separated
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.localization import (
@@ -28,6 +29,7 @@ from avssl_pyro.inference.localization import (
 )
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.result import result_dict
+from avssl_pyro.inference.separation import Separator
 from avssl_pyro.viz.overlay import save_overlay
 
 
@@ -50,6 +52,8 @@ class LocalizeOptions:
     because this recording has the microphones on other channels."""
     overlay: Path | None = None
     """Picture to write; a folder in case of a manifest."""
+    separate: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for the sound of each source: one 16 kHz WAV per source, named after the clip and the azimuth."""
     rounds: int = RefinementConfig.rounds
     """Most rounds of refinement, closed-form ascent that fits the posterior to a clip; 0 is the networks' answer,
     faster and much less accurate."""
@@ -88,6 +92,8 @@ def main(args: Sequence[str] | None = None) -> int | None:
     system, array = choose_system(options.checkpoint, options.array)
     if options.overlay is not None and options.manifest is None and options.overlay.suffix.lower() != ".png":
         raise InputError(f"--overlay {options.overlay}: pictures are written as PNG; give a name that ends in .png.")
+    if options.separate is not None and options.separate.exists() and not options.separate.is_dir():
+        raise InputError(f"--separate {options.separate}: is a file; name a folder.")
     if options.rounds < 0:
         raise InputError(f"--rounds is {options.rounds}; give a number of rounds of refinement, or 0 for none.")
     refinement = RefinementConfig(rounds=options.rounds) if options.rounds else None
@@ -110,7 +116,7 @@ def main(args: Sequence[str] | None = None) -> int | None:
 
 
 def _audio_of_recording(options: LocalizeOptions) -> Path:
-    for name in ("image", "manifest", "overlay"):
+    for name in ("image", "manifest", "overlay", "separate"):
         if getattr(options, name) is not None:
             raise InputError(f"--{name} is for single clips; leave it out, or leave out --video.")
     if options.audio is None:
@@ -148,6 +154,7 @@ def _results(
     localizer: Localizer,
     thresholds: SourceThresholds,
 ) -> Iterator[str]:
+    separator = None if options.separate is None else Separator(localizer.config)
     for number, entry in enumerate(tqdm(inputs, unit="clip", desc="localizing", disable=len(inputs) == 1)):
         clip = read_clip(entry.image, entry.audio, array)
         (posterior,) = localizer.posteriors([clip])
@@ -156,10 +163,16 @@ def _results(
             save_overlay(
                 _overlay_path(options, number, clip), clip.image_ijc, posterior, sources, localizer.config.grid
             )
+        separated = None
+        if separator is not None and options.separate is not None:
+            sound_sn = separator.separate(clip.audio_mn, posterior, sources)
+            azimuths = [source.azimuth for source in sources]
+            separated = write_separated(options.separate, _name(options, number, clip), azimuths, sound_sn)
         result = result_dict(
             posterior,
             sources,
             localizer.config.grid,
+            separated,
             audio=str(entry.audio),
             image=str(entry.image),
             array=array.to_dict(),
@@ -170,7 +183,12 @@ def _results(
 
 def _overlay_path(options: LocalizeOptions, number: int, clip: Clip) -> Path:
     assert options.overlay is not None
-    return options.overlay if options.manifest is None else options.overlay / f"{number:05d}-{clip.key}.png"
+    return options.overlay if options.manifest is None else options.overlay / f"{_name(options, number, clip)}.png"
+
+
+def _name(options: LocalizeOptions, number: int, clip: Clip) -> str:
+    """What a clip's own files are called; those of a manifest may share names, and have numbers."""
+    return clip.key if options.manifest is None else f"{number:05d}-{clip.key}"
 
 
 def _print_sources(result: dict[str, list[dict[str, float]]]) -> None:

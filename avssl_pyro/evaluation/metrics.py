@@ -206,3 +206,10 @@ def bootstrap_count_accuracy(tallies: ClipTallies, seed: int = 0, draws: int = 2
     times_sb = _resampled_counts(len(tallies.hits_b), seed, draws)
     right_b = (tallies.references_b == tallies.estimates_b).astype(np.float64)
     return _percentiles(times_sb @ right_b / len(right_b), level)
+
+
+def bootstrap_mean(
+    values_b: npt.NDArray[np.float64], seed: int = 0, draws: int = 2000, level: float = 0.95
+) -> Interval:
+    """Percentile bootstrap interval of the mean of one value per clip."""
+    return _percentiles(_resampled_counts(len(values_b), seed, draws) @ values_b / len(values_b), level)

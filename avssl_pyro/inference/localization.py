@@ -69,6 +69,7 @@ class LocalizedSource:
         level: mixing level, the share of time-frequency bins the source dominates.
         level_std: posterior standard deviation of the level.
         source_class: index k of the source class; where two were merged, the louder one's.
+        merged_classes: the others that were merged into it.
     """
 
     azimuth: float
@@ -76,6 +77,12 @@ class LocalizedSource:
     level: float
     level_std: float
     source_class: int
+    merged_classes: tuple[int, ...] = ()
+
+    @property
+    def classes(self) -> tuple[int, ...]:
+        """All source classes that make up this object."""
+        return (self.source_class, *self.merged_classes)
 
 
 def peak_azimuth(weights_d: npt.NDArray[np.float64], grid: DirectionGrid) -> float:
@@ -138,4 +145,5 @@ def _merge(louder: LocalizedSource, other: LocalizedSource) -> LocalizedSource:
         level=level,
         level_std=float(np.hypot(louder.level_std, other.level_std)),
         source_class=louder.source_class,
+        merged_classes=(*louder.merged_classes, *other.classes),
     )

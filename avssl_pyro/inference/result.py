@@ -1,5 +1,7 @@
 """The documented result of localization, ``avssl-result/1``, in degrees."""
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,12 +17,17 @@ def _degrees(angle: float) -> float:
 
 
 def result_dict(
-    posterior: ScenePosterior, sources: tuple[LocalizedSource, ...], grid: DirectionGrid, **context: Any
+    posterior: ScenePosterior,
+    sources: tuple[LocalizedSource, ...],
+    grid: DirectionGrid,
+    separated: Sequence[Path] | None = None,
+    **context: Any,
 ) -> dict[str, Any]:
     """One clip's result as JSON values.
 
     Args:
         posterior, sources, grid: what was found.
+        separated: the file with the sound of each source, if there are such files.
         context: further fields, such as the names of the files.
     """
     return {
@@ -34,7 +41,8 @@ def result_dict(
                 "level_std": round(source.level_std, 4),
                 "source_class": source.source_class,
             }
-            for source in sources
+            | ({} if separated is None else {"separated": str(separated[s])})
+            for s, source in enumerate(sources)
         ],
         "mixing_levels": [round(float(level), 6) for level in posterior.mixing_levels_k],
         "direction_weights": [[round(float(w), 6) for w in weights_d] for weights_d in posterior.direction_weights_kd],

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from avssl_pyro.acoustics.stft import StftConfig, loud_frames, stft
+from avssl_pyro.acoustics.stft import StftConfig, istft, loud_frames, stft
 from avssl_pyro.errors import InputError
 
 
@@ -47,6 +47,21 @@ def test_a_band_is_the_same_bins_of_the_whole() -> None:
     kept = [f for f, hertz in enumerate(whole.frequencies) if 120 <= hertz <= 4000][::2]
     assert band.frequencies.tolist() == whole.frequencies[kept].tolist()
     assert torch.equal(stft(audio_bmn, band), stft(audio_bmn, whole)[:, kept])
+
+
+@pytest.mark.parametrize("num_samples", [300, 4000, 4096, 4111])
+def test_the_inverse_gives_back_the_audio_to_the_sample(num_samples: int) -> None:
+    config = StftConfig(window=256, hop=128)
+    audio_bmn = torch.randn(2, 3, num_samples, generator=torch.Generator().manual_seed(0))
+    x_bfmt = stft(audio_bmn, config)
+    torch.testing.assert_close(istft(x_bfmt[:, :, 1], config, num_samples), audio_bmn[:, 1])
+
+
+@pytest.mark.parametrize("config", [StftConfig(high_hz=4000.0), StftConfig(bin_step=2), StftConfig(hop=300)])
+def test_what_left_something_out_has_no_inverse(config: StftConfig) -> None:
+    x_bfmt = stft(torch.zeros(1, 1, 4000), config)
+    with pytest.raises(ValueError, match="keeps too little"):
+        istft(x_bfmt[:, :, 0], config, 4000)
 
 
 def test_loud_frames_are_those_near_the_loudest() -> None:

@@ -261,7 +261,7 @@ def test_bad_input_gets_one_sentence_and_leaves_nothing(
     tmp_path: Path,
     refusal: Callable[[Callable[[], int | None]], str],
 ) -> None:
-    words = [*breakage(*clip), "--overlay", str(tmp_path / "overlay.png")]
+    words = [*breakage(*clip), "--overlay", str(tmp_path / "overlay.png"), "--separate", str(tmp_path / "sounds")]
     before = set(tmp_path.iterdir())
     assert says in refusal(lambda: main(arguments(checkpoint, *clip, tmp_path / "out.json", *words)))
     assert set(tmp_path.iterdir()) == before
@@ -290,6 +290,60 @@ def test_a_bad_manifest_is_told_with_its_line(
         lambda: main(["--checkpoint", str(checkpoint), "--manifest", str(manifest), "--out", str(out)])
     )
     assert not out.exists()
+
+
+def test_every_source_gets_its_sound_in_a_file_that_the_result_names(
+    checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
+) -> None:
+    out, folder = tmp_path / "result.json", tmp_path / "sounds"
+    main(arguments(checkpoint, *clip, out, "--separate", str(folder), "--thresholds.peak", "0"))
+    sources = json.loads(out.read_text())["sources"]
+    assert sources
+    assert {Path(source["separated"]) for source in sources} == set(folder.iterdir())
+    heard, _ = soundfile.read(clip[1])
+    for source in sources:
+        assert f"clip-source{sources.index(source) + 1}-az{round(source['azimuth_deg']):+04d}" in source["separated"]
+        sound, rate = soundfile.read(source["separated"])
+        assert (sound.shape, rate) == ((16_000,), 16_000)
+        assert 0 < np.mean(sound**2) < 2 * np.mean(heard[:, 0] ** 2)
+
+
+def test_clips_of_a_manifest_keep_their_sounds_apart(checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path) -> None:
+    image, audio = clip
+    manifest, out, folder = tmp_path / "clips.csv", tmp_path / "results.jsonl", tmp_path / "sounds"
+    manifest.write_text(f"audio,image\n{audio.name},{image.name}\n{audio.name},{image.name}\n")
+    words = ["--checkpoint", str(checkpoint), "--manifest", str(manifest), "--out", str(out), "--thresholds.peak", "0"]
+    main([*words, "--separate", str(folder)])
+    lines = [json.loads(line) for line in out.read_text().splitlines()]
+    named = [source["separated"] for line in lines for source in line["sources"]]
+    assert len(named) == len(set(named))
+    assert {Path(name) for name in named} == set(folder.iterdir())
+
+
+def test_nothing_is_separated_of_a_silent_clip_or_unless_asked(
+    checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
+) -> None:
+    main(arguments(checkpoint, *clip, tmp_path / "plain.json", "--thresholds.peak", "0"))
+    assert "separated" not in json.loads((tmp_path / "plain.json").read_text())["sources"][0]
+    soundfile.write(clip[1], np.zeros((16_000, 4)), 16_000)
+    main(arguments(checkpoint, *clip, tmp_path / "silent.json", "--separate", str(tmp_path / "sounds")))
+    assert not list((tmp_path / "sounds").iterdir())
+
+
+def test_a_file_in_place_of_the_folder_and_a_whole_recording_are_refused(
+    checkpoint: Path,
+    clip: tuple[Path, Path],
+    tmp_path: Path,
+    refusal: Callable[[Callable[[], int | None]], str],
+) -> None:
+    image, audio = clip
+    before = set(tmp_path.iterdir())
+    words = arguments(checkpoint, image, audio, tmp_path / "out.json", "--separate", str(audio))
+    assert "clip.wav: is a file; name a folder" in refusal(lambda: main(words))
+    words = ["--checkpoint", str(checkpoint), "--video", str(image), "--audio", str(audio)]
+    words += ["--out", str(tmp_path / "out.jsonl"), "--separate", str(tmp_path / "sounds")]
+    assert "--separate is for single clips; leave it out, or leave out --video" in refusal(lambda: main(words))
+    assert set(tmp_path.iterdir()) == before
 
 
 def test_a_missing_checkpoint_is_told(

@@ -136,6 +136,14 @@ def test_merging_distance(apart_deg: float, number: int) -> None:
     assert len(select_sources(beliefs, GRID, SourceThresholds(merge_deg=0.0))) == 2
 
 
+def test_merged_sources_tell_all_their_classes() -> None:
+    beliefs = posterior((-90.0, 0.1), (50.0, 0.2), (58.0, 0.3), (54.0, 0.25), (None, 0.15))
+    merged, alone = select_sources(beliefs, GRID, SourceThresholds(level=0.02, merge_deg=12.0))
+    assert merged.classes[0] == merged.source_class
+    assert sorted(merged.classes) == [1, 2, 3]
+    assert alone.classes == (0,)
+
+
 def test_classes_merged_can_overtake() -> None:
     beliefs = posterior((2.5, 0.3), (102.5, 0.4), (7.5, 0.3))
     assert found_deg(select_sources(beliefs, GRID, THRESHOLDS)) == pytest.approx([5.0, 102.5], abs=0.01)

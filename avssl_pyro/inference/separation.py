@@ -1,0 +1,108 @@
+"""The sound of every localized source, taken out of a clip by the posterior that localized it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from avssl_pyro.acoustics.covariance import template_covariances
+from avssl_pyro.acoustics.stft import StftConfig, istft, stft
+from avssl_pyro.distributions.profiled_gaussian import observe
+from avssl_pyro.errors import InputError
+from avssl_pyro.inference.beamforming import Extraction, WienerFilter
+from avssl_pyro.inference.localization import LocalizedSource, ScenePosterior
+from avssl_pyro.inference.source_masks import fitted_masks, masks_of_sources, posterior_masks
+from avssl_pyro.inference.system import SystemConfig
+
+
+@dataclass(frozen=True)
+class SeparationConfig:
+    """How sources are separated.
+
+    Args:
+        window, hop: samples of the STFT, which covers the whole band, whatever band the system looks at; a window
+            longer than the system's keeps more of a room's reflections with their source.
+        rounds: of EM that fit the masks to the clip; 0 leaves the posterior's own.
+        reverberation: share of the bins of no source that is divided among the sources; lower it where there is noise.
+        extraction: what is done with the masks.
+        reference: microphone at which the sources are estimated, counted from 0.
+
+    Raises:
+        InputError: a number is out of its range.
+    """
+
+    window: int = 1024
+    hop: int = 256
+    rounds: int = 2
+    reverberation: float = 0.5
+    extraction: Extraction = field(default_factory=WienerFilter)
+    reference: int = 0
+
+    def __post_init__(self) -> None:
+        if self.rounds < 0 or self.reference < 0:
+            raise InputError(
+                f"SeparationConfig: rounds is {self.rounds} and reference {self.reference}; neither can be negative."
+            )
+        if not 0 <= self.reverberation <= 1:
+            raise InputError(f"SeparationConfig: reverberation is {self.reverberation}; it is a share, so give 0 to 1.")
+        if not 0 < 2 * self.hop <= self.window:
+            raise InputError(
+                f"SeparationConfig: a hop of {self.hop} samples does not go with a window of {self.window}; give at "
+                "most half the window."
+            )
+
+    @property
+    def stft(self) -> StftConfig:
+        return StftConfig(self.window, self.hop)
+
+
+class Separator:
+    """Separates the clips of one system, in double precision on the CPU.
+
+    Args:
+        system: whose posteriors are used: its array, its grid and the diffuse power of its model.
+        config: how.
+
+    Raises:
+        InputError: the reference microphone is not one of the array's.
+    """
+
+    def __init__(self, system: SystemConfig, config: SeparationConfig | None = None) -> None:
+        self.config = SeparationConfig() if config is None else config
+        num_microphones = system.array.num_microphones
+        if self.config.reference >= num_microphones:
+            raise InputError(
+                f"SeparationConfig: reference is {self.config.reference}, but array '{system.array.name}' has "
+                f"{num_microphones} microphones; give 0 to {num_microphones - 1}."
+            )
+        self._diffuse = system.model.diffuse
+        self._template_dfmm = template_covariances(
+            system.array.steering_vectors(system.grid, self.config.stft.frequencies)
+        )
+
+    @torch.no_grad()
+    def separate(
+        self, audio_mn: npt.NDArray[np.float32], posterior: ScenePosterior, sources: Sequence[LocalizedSource]
+    ) -> npt.NDArray[np.float32]:
+        """Every source as the reference microphone hears it, float32 (S, N), in the order of ``sources``.
+
+        Args:
+            audio_mn: the clip, (M, N), 16 kHz, microphones in the array's order.
+            posterior: of the clip.
+            sources: selected from it.
+
+        Raises:
+            InputError: the clip is not longer than half a window.
+        """
+        config, num_samples = self.config, audio_mn.shape[-1]
+        if not sources:
+            return np.zeros((0, num_samples), np.float32)
+        x_fmt = stft(torch.from_numpy(audio_mn.astype(np.float64))[None], config.stft)[0]
+        observed = observe(x_fmt)
+        gamma_fkt = posterior_masks(observed, self._template_dfmm, posterior, self._diffuse)
+        mask_fst = masks_of_sources(gamma_fkt, sources, config.reverberation)
+        mask_fst = fitted_masks(observed, mask_fst, config.rounds)
+        y_sft = torch.stack([config.extraction(x_fmt, mask_fst[:, s], config.reference) for s in range(len(sources))])
+        return istft(y_sft, config.stft, num_samples).float().numpy()
