@@ -24,6 +24,8 @@ from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 # The last step of Adam relative to the first.
 LAST_STEP = 0.05
 LEVEL_DRAWS = 2000
+# Fits begin so much narrower than their start, for the means to settle while draws are close to them.
+FIRST_SPREAD = 0.3
 
 
 class AnyGuide(Protocol):
@@ -45,7 +47,7 @@ class PerSceneConfig:
     """
 
     steps: int = 100
-    learning_rate: float = 0.1
+    learning_rate: float = 0.15
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -136,7 +138,7 @@ class PerSceneGuide(nn.Module):
         """
         with torch.no_grad(), poutine.block():
             start = self.start.parameters_of(x_bfmt, image_bcij)
-        gaussian = log_normal_and_dirichlet(start.mu_bkd, start.sigma_bkd, start.concentration_bk)
+        gaussian = log_normal_and_dirichlet(start.mu_bkd, FIRST_SPREAD * start.sigma_bkd, start.concentration_bk)
         fits = [self._fit(gaussian.clip(b), x_bfmt[b : b + 1], image_bcij[b : b + 1]) for b in range(len(start.mu_bkd))]
         return FittedGuide(UnconstrainedGaussian.stack(fits), start.activation_bkij, self.config.seed)
 
