@@ -4,11 +4,12 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Written after a successful install, so an interrupted one is done again.
 STAMP := $(VENV)/.installed
+DOCS_STAMP := $(VENV)/.installed-docs
 
 # More options for the demo, such as DEMO="--scenes 100 --optimization.epochs 1".
 DEMO ?=
 
-.PHONY: demo test lint format clean
+.PHONY: demo test lint format notebooks docs clean
 
 demo: $(STAMP)
 	$(BIN)/python scripts/demo.py $(DEMO)
@@ -25,6 +26,20 @@ format: $(STAMP)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# Executes the notebooks that have changed, each in up to ten minutes; `make docs` shows them with their results then.
+notebooks: $(patsubst %.ipynb,build/%.ipynb,$(wildcard notebooks/*.ipynb))
+
+build/notebooks/%.ipynb: notebooks/%.ipynb | $(STAMP)
+	$(BIN)/python notebooks/run.py $< --out build/notebooks
+
+# Warnings are errors. A second run builds what has changed.
+docs: $(DOCS_STAMP)
+	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs 2 docs build/docs
+
+$(DOCS_STAMP): $(STAMP)
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[docs]"
+	touch $(DOCS_STAMP)
+
 # torch goes first and alone: asked for together with packages that depend on it, pip may look at newer builds.
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -33,4 +48,4 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $(STAMP)
 
 clean:
-	rm -rf $(VENV) build *.egg-info runs cache
+	rm -rf $(VENV) build docs/api docs/notebooks *.egg-info runs cache

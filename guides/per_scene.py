@@ -4,8 +4,6 @@ Nothing is amortised, and nothing is assumed of the model but its two latent sit
 be behind them. Mean field asks how far each latent alone may move; low rank knows, too, which of them trade places.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,6 +13,7 @@ from pyro import poutine
 from pyro.infer import Trace_ELBO
 from torch import Tensor, nn
 
+from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.directions import GuideParameters
@@ -25,6 +24,8 @@ from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 # The last step of Adam relative to the first.
 LAST_STEP = 0.05
 LEVEL_DRAWS = 2000
+# Fits begin so much narrower than their start, for the means to settle while draws are close to them.
+FIRST_SPREAD = 0.3
 
 
 class AnyGuide(Protocol):
@@ -46,7 +47,7 @@ class PerSceneConfig:
     """
 
     steps: int = 100
-    learning_rate: float = 0.1
+    learning_rate: float = 0.15
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -79,7 +80,7 @@ class FittedGuide(nn.Module):
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:  # noqa: ARG002
         """Means and standard deviations of log w, and the Dirichlet with the levels' means and summed variance."""
         posterior = self.posterior
-        with _seeded(self.seed, posterior.loc_bn.device):
+        with seeded(self.seed, posterior.loc_bn.device):
             w_sbkd = posterior.direction_posterior().sample((LEVEL_DRAWS,))
             level_sbk = posterior.level_posterior(w_sbkd).sample()
         concentration_bk = dirichlet_of_moments(level_sbk)
@@ -137,14 +138,20 @@ class PerSceneGuide(nn.Module):
         """
         with torch.no_grad(), poutine.block():
             start = self.start.parameters_of(x_bfmt, image_bcij)
-        gaussian = log_normal_and_dirichlet(start.mu_bkd, start.sigma_bkd, start.concentration_bk)
+        gaussian = log_normal_and_dirichlet(start.mu_bkd, FIRST_SPREAD * start.sigma_bkd, start.concentration_bk)
         fits = [self._fit(gaussian.clip(b), x_bfmt[b : b + 1], image_bcij[b : b + 1]) for b in range(len(start.mu_bkd))]
         return FittedGuide(UnconstrainedGaussian.stack(fits), start.activation_bkij, self.config.seed)
 
     def _fit(self, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor) -> UnconstrainedGaussian:
         config = self.config
         # Handlers around this guide must not see the fit, nor Pyro's global store its parameters.
-        with poutine.block(), pyro.get_param_store().scope(), _seeded(config.seed, x_bfmt.device), torch.enable_grad():
+        with (
+            poutine.block(),
+            pyro.get_param_store().scope(),
+            pyro.validation_enabled(False),
+            seeded(config.seed, x_bfmt.device),
+            torch.enable_grad(),
+        ):
             autoguide = self.family.autoguide(self.model, start, x_bfmt, image_bcij)
             loss = Trace_ELBO()(self.model, autoguide)  # type: ignore[arg-type]
             optimizer = torch.optim.Adam(autoguide.parameters(), lr=config.learning_rate)
@@ -163,11 +170,3 @@ def dirichlet_of_moments(level_sbk: Tensor) -> Tensor:
     spread_b = variance_bk.sum(-1).clamp_min(torch.finfo(mean_bk.dtype).tiny)
     total_b = (1 - mean_bk.square().sum(-1)) / spread_b - 1
     return (total_b[:, None] * mean_bk).clamp_min(LEAST_CONCENTRATION)
-
-
-@contextmanager
-def _seeded(seed: int, device: torch.device) -> Iterator[None]:
-    """Draws by a seed of their own; what others draw afterwards is not changed."""
-    with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
-        torch.manual_seed(seed)
-        yield

@@ -62,6 +62,14 @@ class UnconstrainedGaussian:
             clips[0].num_sources,
         )
 
+    def sites_of(self, latent_bn: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """w (B, K, D) and pi (B, K) of unconstrained latents (B, N), and the log Jacobian (B,) of getting there."""
+        log_w_bn, stick_bk = latent_bn.split([self.num_weights, self.num_sources - 1], dim=-1)
+        stick_breaking = transforms.StickBreakingTransform()
+        pi_bk = stick_breaking(stick_bk)
+        jacobian_b = log_w_bn.sum(-1) + stick_breaking.log_abs_det_jacobian(stick_bk, pi_bk)
+        return log_w_bn.exp().unflatten(-1, (self.num_sources, -1)), pi_bk, jacobian_b
+
     def direction_posterior(self) -> TorchDistribution:
         """q(w), batch_shape (B,), event_shape (K, D)."""
         if not self.factor_bnr.shape[-1]:

@@ -1,0 +1,243 @@
+"""The reference posterior of one clip: Hamiltonian Monte Carlo (NUTS, Hoffman and Gelman 2014) by Pyro's kernel.
+
+It is slow, exact in the limit, and knows no family of distributions; what a guide says can be held against it. Two
+things of the model deserve attention. The likelihood does not depend on the scale of each w_k: there the posterior is
+the prior, wide but well behaved. And it does not depend on the order of the classes: there are K! equal copies of every
+mode. Chains start at the same answer of a guide, and between well separated classes they never cross from one copy to
+another, so that draws may be averaged class by class; where classes are alike or empty they do cross, and only what
+does not depend on the order means anything: sorted levels, the power from a sector.
+"""
+
+import copy
+import importlib.util
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+import pyro
+import torch
+from pyro import poutine
+from pyro.infer import NUTS
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from avssl_pyro.distributions.seeded import seeded
+from avssl_pyro.errors import InputError
+from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.guides.fitted import FittedPosterior
+from avssl_pyro.guides.per_scene import AnyGuide, dirichlet_of_moments
+from avssl_pyro.guides.unconstrained import UnconstrainedGaussian, log_normal_and_dirichlet
+from avssl_pyro.inference.posterior_draws import PosteriorDraws
+
+# Chains start so many of the start's standard deviations away from it: apart, but in the same copy of the mode.
+JITTER = 0.5
+
+
+@dataclass(frozen=True)
+class NutsConfig:
+    """How long and how carefully to sample.
+
+    Args:
+        draws: of every chain, after its warm-up.
+        warmup: steps that adapt step size and mass matrix and are thrown away.
+        chains: run one after the other.
+        max_tree_depth: a draw costs at most 2^depth gradients.
+        target_accept: higher means smaller steps.
+        seed: of the first chain; the others count up.
+        progress: show a bar.
+    """
+
+    draws: int = 250
+    warmup: int = 250
+    chains: int = 2
+    max_tree_depth: int = 7
+    target_accept: float = 0.8
+    seed: int = 0
+    progress: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("draws", "warmup", "chains", "max_tree_depth"):
+            if getattr(self, name) < 1:
+                raise InputError(f"NutsConfig: {name} is {getattr(self, name)}; it must be at least 1.")
+        if not 0 < self.target_accept < 1:
+            raise InputError(f"NutsConfig: target_accept is {self.target_accept}; it must lie between 0 and 1.")
+
+
+@dataclass(frozen=True)
+class NutsDraws(PosteriorDraws):
+    """Draws of all chains, one chain after the other.
+
+    Args:
+        chains: how many.
+        diverging_s: whether the draw's trajectory diverged, (S,); more than a few mean that the draws are not to be
+            trusted.
+        gradients: how many were computed, warm-up included.
+    """
+
+    chains: int
+    diverging_s: Tensor
+    gradients: int
+
+    def by_chain(self, values_s: Tensor) -> Tensor:
+        """Values (S, ...) of every draw as (chains, draws, ...)."""
+        return values_s.unflatten(0, (self.chains, -1))
+
+    def to_arviz(self) -> Any:
+        """ArviZ's InferenceData: ``direction_weights``, ``mixing_levels`` and ``sample_stats.diverging``.
+
+        Raises:
+            InputError: ArviZ is not installed.
+        """
+        if importlib.util.find_spec("arviz") is None:
+            raise InputError("ArviZ is not installed; pip install 'avssl-pyro[notebooks]' adds it.")
+        with warnings.catch_warnings():
+            # Once a day it announces its next version when it is imported.
+            warnings.simplefilter("ignore", FutureWarning)
+            import arviz  # noqa: PLC0415 - an optional dependency
+
+        return arviz.from_dict(
+            posterior={
+                "direction_weights": self.by_chain(self.w_skd).numpy(),
+                "mixing_levels": self.by_chain(self.pi_sk).numpy(),
+            },
+            sample_stats={"diverging": self.by_chain(self.diverging_s).numpy()},
+            dims={"direction_weights": ["source", "direction"], "mixing_levels": ["source"]},
+        )
+
+    def moments(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Means and standard deviations (K, D) of log w, and concentrations (K,) of a Dirichlet like the levels."""
+        log_w_skd = self.w_skd.log()
+        return log_w_skd.mean(0), log_w_skd.std(0), dirichlet_of_moments(self.pi_sk[:, None])[0]
+
+
+def sample_posterior(
+    start: AnyGuide, model: nn.Module, x_fmt: Tensor, image_cij: Tensor, config: NutsConfig | None = None
+) -> NutsDraws:
+    """Draws from p(w, pi | x) of one clip, in double precision.
+
+    Args:
+        start: a guide; chains begin near its answer, and its spread is the scale of the first mass matrix.
+        model: any with the latent sites of ``SpatialCGMM``.
+        x_fmt: spectrogram, complex (F, M, T).
+        image_cij: picture, (3, I, J).
+        config: how long.
+    """
+    (draws,) = sample_posteriors(start, model, x_fmt[None], image_cij[None], config)
+    return draws
+
+
+def sample_posteriors(
+    start: AnyGuide, model: nn.Module, x_bfmt: Tensor, image_bcij: Tensor, config: NutsConfig | None = None
+) -> list[NutsDraws]:
+    """Draws of several clips at once, as :func:`sample_posterior` of each.
+
+    Clips know nothing of each other, so that a trajectory in the product of their posteriors is one in each. Its steps
+    are somewhat shorter, but for small clips a gradient of many costs little more than one of a single clip. Steps,
+    gradients and divergences are those of all clips together.
+    """
+    config = NutsConfig() if config is None else config
+    with torch.no_grad(), poutine.block():
+        answer = start.parameters_of(x_bfmt, image_bcij)
+    # The log-likelihood has five to seven digits before the point, and acceptance asks for one after it.
+    origin = log_normal_and_dirichlet(*(value.double() for value in answer[:3]))
+    potential = ScenePotential(model, origin, x_bfmt, image_bcij)
+    chains = [_run_chain(potential, config, chain) for chain in range(config.chains)]
+    latent_sbn = potential.latent_of(torch.cat([draws_sbn for draws_sbn, _ in chains]))
+    diverging_s = torch.cat([diverging_s for _, diverging_s in chains])
+    w_sbkd, pi_sbk, _ = origin.sites_of(latent_sbn)
+    return [
+        NutsDraws(w_sbkd[:, b], pi_sbk[:, b], config.chains, diverging_s, potential.gradients)
+        for b in range(len(x_bfmt))
+    ]
+
+
+class NutsGuide(nn.Module):
+    """NUTS as a guide: log-normal weights and Dirichlet levels with the moments of its draws, clip by clip.
+
+    Args:
+        start, model, config: as of :func:`sample_posterior`.
+    """
+
+    fits_each_clip = True
+
+    def __init__(self, start: AnyGuide, model: nn.Module, config: NutsConfig | None = None) -> None:
+        super().__init__()
+        self.model = model
+        self.start = start
+        self.config = NutsConfig() if config is None else config
+
+    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
+        self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
+
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FittedPosterior:
+        """A guide of these clips, to be used more than once without sampling again."""
+        return FittedPosterior(self.parameters_of(x_bfmt, image_bcij))
+
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
+        """The draws' moments; activation maps are those of the start."""
+        with torch.no_grad(), poutine.block():
+            start = self.start.parameters_of(x_bfmt, image_bcij)
+        clips = zip(x_bfmt, image_bcij, strict=True)
+        draws = [sample_posterior(self.start, self.model, *clip, self.config) for clip in clips]
+        mu_bkd, sigma_bkd, concentration_bk = (
+            torch.stack(values).to(start.mu_bkd) for values in zip(*(clip.moments() for clip in draws), strict=True)
+        )
+        return GuideParameters(mu_bkd, sigma_bkd, concentration_bk, start.activation_bkij)
+
+
+class ScenePotential:
+    """-log p(x, w, pi) of clips over their unconstrained latents, which are counted in the origin's spreads.
+
+    Args:
+        model, x_bfmt, image_bcij: as of :func:`sample_posteriors`; the model is copied in double precision.
+        origin: where the latents are 0, and how wide 1 is.
+    """
+
+    def __init__(self, model: nn.Module, origin: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor) -> None:
+        self.model = copy.deepcopy(model).double()
+        self.origin = origin
+        self.x_bfmt = x_bfmt.to(torch.complex128)
+        self.image_bcij = image_bcij
+        self.gradients = 0
+
+    def latent_of(self, scaled_sbn: Tensor) -> Tensor:
+        """Unconstrained latents, (..., B, N)."""
+        return self.origin.loc_bn + self.origin.scale_bn * scaled_sbn
+
+    def __call__(self, scaled: dict[str, Tensor]) -> Tensor:
+        self.gradients += 1
+        w_bkd, pi_bk, jacobian_b = self.origin.sites_of(self.latent_of(scaled["latent"]))
+        at_point = poutine.condition(self.model, data={"direction_weights": w_bkd, "mixing_levels": pi_bk})
+        trace = poutine.trace(at_point).get_trace(self.x_bfmt, self.image_bcij)
+        log_joint: Tensor = trace.log_prob_sum() + jacobian_b.sum()
+        return -log_joint
+
+
+def _run_chain(potential: ScenePotential, config: NutsConfig, chain: int) -> tuple[Tensor, Tensor]:
+    """Draws (S, B, N) of one chain, and which of them diverged."""
+    zero_bn = torch.zeros_like(potential.origin.loc_bn)
+    # Far trajectories leave what distributions accept; that is what rejection is for.
+    with (
+        poutine.block(),
+        pyro.validation_enabled(False),
+        seeded(config.seed + chain, zero_bn.device),
+        torch.enable_grad(),
+    ):
+        kernel = NUTS(
+            potential_fn=potential,
+            target_accept_prob=config.target_accept,
+            max_tree_depth=config.max_tree_depth,
+        )
+        kernel.initial_params = {"latent": JITTER * torch.randn_like(zero_bn)}
+        kernel.setup(config.warmup)
+        scaled = kernel.initial_params
+        draws = []
+        steps = range(config.warmup + config.draws)
+        for step in tqdm(steps, desc=f"chain {chain + 1}", unit="step", disable=not config.progress, leave=False):
+            scaled = kernel.sample(scaled)
+            if step >= config.warmup:
+                draws.append(scaled["latent"].detach())
+        diverging_s = torch.zeros(config.draws, dtype=torch.bool)
+        diverging_s[kernel.diagnostics()["divergences"]] = True
+        kernel.cleanup()
+    return torch.stack(draws), diverging_s

@@ -1,0 +1,91 @@
+"""Draws from the posterior of one clip, by whatever guide."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import pyro
+import torch
+from pyro import poutine
+from torch import Tensor, nn
+
+from avssl_pyro.distributions.seeded import seeded
+from avssl_pyro.distributions.spatial_mixture import SpatialMixture
+
+
+@dataclass(frozen=True)
+class PosteriorDraws:
+    """Joint draws of the latents of one clip.
+
+    Args:
+        w_skd: direction weights, (S, K, D), positive.
+        pi_sk: mixing levels, (S, K), summing to 1.
+    """
+
+    w_skd: Tensor
+    pi_sk: Tensor
+
+    def __len__(self) -> int:
+        return len(self.pi_sk)
+
+
+@torch.no_grad()
+def draw_from(guide: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: int, seed: int = 0) -> PosteriorDraws:
+    """Independent draws from a guide's posterior of one clip, all in one pass.
+
+    Args:
+        guide: any guide of the sites ``direction_weights`` and ``mixing_levels``.
+        x_fmt: spectrogram, complex (F, M, T).
+        image_cij: picture, (3, I, J).
+        draws: S.
+        seed: of the draws.
+    """
+    with seeded(seed, x_fmt.device), poutine.block(), poutine.trace() as tracer, pyro.plate("draws", draws, dim=-2):
+        guide(x_fmt[None], image_cij[None])
+    nodes: Any = tracer.trace.nodes
+    w_sbkd, pi_sbk = (nodes[site]["value"] for site in ("direction_weights", "mixing_levels"))
+    # A site that does not depend on the others may be drawn once for all of them.
+    return PosteriorDraws(w_sbkd.expand(draws, 1, -1, -1)[:, 0], pi_sbk.expand(draws, 1, -1)[:, 0])
+
+
+@torch.no_grad()
+def prior_draws(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: int, seed: int = 0) -> PosteriorDraws:
+    """Independent draws from a model's priors; of ``x_fmt`` only the shape matters."""
+    return draw_from(model, x_fmt, image_cij, draws, seed)
+
+
+@torch.no_grad()
+def log_likelihood(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws) -> Tensor:
+    """log p(x | w, pi) of every draw, (S,), as the model weighs it."""
+    likelihood = _likelihood(model, x_fmt, image_cij, draws)
+    return likelihood["scale"] * likelihood["fn"].log_prob(x_fmt[None]).expand(len(draws), 1)[:, 0]
+
+
+@torch.no_grad()
+def replicate(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws, seed: int = 0) -> Tensor:
+    """One spectrogram like ``x_fmt`` from every draw, (S, F, M, T), as the model would make it.
+
+    Where the power spectral density is profiled out it is set to 1: the profiled density is, up to a constant, that of
+    the direction x / |x| alone (a complex angular central Gaussian), which no power spectral density changes so long as
+    it is the same for all classes. What is told of such spectrograms must not depend on their power.
+    """
+    mixture = _likelihood(model, x_fmt, image_cij, draws)["fn"]
+    if isinstance(mixture, SpatialMixture) and mixture.psd_bfkt is None:
+        f, _, t = x_fmt.shape
+        ones_fkt = torch.ones(f, draws.pi_sk.shape[-1], t).to(draws.pi_sk)
+        mixture = SpatialMixture(
+            mixture.template_dfmm, mixture.w, mixture.pi, num_frames=t, diffuse=mixture.diffuse, psd_bfkt=ones_fkt
+        )
+    with seeded(seed, x_fmt.device):
+        x_sbfmt: Tensor = mixture.sample()
+    return x_sbfmt.expand(len(draws), 1, *x_fmt.shape)[:, 0]
+
+
+def _likelihood(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws) -> Any:
+    """The site of the spectrogram at the given draws."""
+    latents = {"direction_weights": draws.w_skd[:, None], "mixing_levels": draws.pi_sk[:, None]}
+    # NUTS draws in double precision, which the model's templates need not have.
+    latents = {site: value.to(x_fmt.real.dtype) for site, value in latents.items()}
+    at_draws = poutine.condition(model, data=latents)
+    with poutine.block(), poutine.trace() as tracer, pyro.plate("draws", len(draws), dim=-2):
+        at_draws(x_fmt[None], image_cij[None])
+    return tracer.trace.nodes["spectrogram"]
