@@ -15,7 +15,9 @@ import torch
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import (
     benchmark,
+    calibrate,
     camera_benchmark,
+    compare_combinations,
     compare_elbo,
     compare_recordings,
     doctor,
@@ -24,6 +26,7 @@ from avssl_pyro.cli import (
     localize,
     prepare,
     score_recording,
+    separation_benchmark,
     simulate,
     simulate_recording,
     track_benchmark,
@@ -66,6 +69,12 @@ MAINS: dict[str, tuple[Callable[[Sequence[str]], object], dict[str, str]]] = {
         {"--seconds": "4", "--width": "288", "--frame-rate": "5"},
     ),
     "score_recording.py": (score_recording.main, {}),
+    "separation_benchmark.py": (separation_benchmark.main, {"--scenes": "1"}),
+    "compare_combinations.py": (
+        compare_combinations.main,
+        {"--validation-scenes": "1", "--test-scenes": "1", "--first": "2"},
+    ),
+    "calibrate.py": (calibrate.main, {"--trials": "2", "--batch": "2"}),
     "camera_benchmark.py": (camera_benchmark.main, {"--recordings": "1", "--seconds": "8", "--width": "288"}),
     "benchmark.py": (benchmark.main, {"--array": "circle2", "--batch-size": "2", "--repeats": "2"}),
 }

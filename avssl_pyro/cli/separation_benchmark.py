@@ -86,9 +86,9 @@ def _methods(system: System, array: MicrophoneArray) -> list[SeparationMethod]:
         OURS: plain,
         "refined: MVDR": replace(plain, extraction=Mvdr()),
         "refined: masks alone": replace(plain, extraction=Masking()),
-        "refined, unfitted: Wiener": unfitted,
-        "refined, unfitted: MVDR": replace(unfitted, extraction=Mvdr()),
-        "refined, unfitted: masks alone": replace(unfitted, extraction=Masking()),
+        "unfitted: Wiener": unfitted,
+        "unfitted: MVDR": replace(unfitted, extraction=Mvdr()),
+        "unfitted: masks alone": replace(unfitted, extraction=Masking()),
     }
     one_pass = {"one pass: Wiener": plain, "one pass: MVDR": replace(plain, extraction=Mvdr())}
 

@@ -95,6 +95,17 @@ class SpatialMixture(TorchDistribution):
         return new
 
     @property
+    def can_be_sampled(self) -> bool:
+        """Whether power spectral densities are known; profiled out, they leave nothing to draw from."""
+        return self.psd_bfkt is not None
+
+    def with_psd(self, psd_bfkt: Tensor) -> "SpatialMixture":
+        """The same with known power spectral densities, broadcast against (B..., F, K, T)."""
+        new = self.expand(self.batch_shape)
+        new.psd_bfkt = psd_bfkt.expand(*self.batch_shape, *psd_bfkt.shape[-3:])
+        return new
+
+    @property
     def scm_bkfmm(self) -> Tensor:
         """Spatial covariance matrices H_fk, (B..., K, F, M, M)."""
         return spatial_covariance(self.w, self.template_dfmm, self.diffuse)

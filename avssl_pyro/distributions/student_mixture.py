@@ -49,6 +49,10 @@ class StudentMixture(SpatialMixture):
         super().expand(batch_shape, new)
         return new
 
+    @property
+    def can_be_sampled(self) -> bool:
+        return True
+
     def component_log_prob(self, value: Tensor | ObservedSpectrogram) -> Tensor:
         observed = observe(value) if isinstance(value, Tensor) else value
         inverse_bkfmm, logdet_bkf = inverse_and_logdet(self.scm_bkfmm)

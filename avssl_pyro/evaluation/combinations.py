@@ -113,6 +113,7 @@ RECIPES = (
     Recipe(),
     Recipe(levels=SymmetricDirichlet(1.0)),
     Recipe(levels=SymmetricDirichlet(100.0)),
+    Recipe(directions=LogNormalWeights(0.3)),
     Recipe(directions=LogNormalWeights(0.5)),
     Recipe(directions=LogNormalWeights(2.0)),
     Recipe(directions=GammaWeights(0.5)),

@@ -69,12 +69,9 @@ def replicate(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: Posteri
     it is the same for all classes. What is told of such spectrograms must not depend on their power.
     """
     mixture = _likelihood(model, x_fmt, image_cij, draws)["fn"]
-    if isinstance(mixture, SpatialMixture) and mixture.psd_bfkt is None:
+    if isinstance(mixture, SpatialMixture) and not mixture.can_be_sampled:
         f, _, t = x_fmt.shape
-        ones_fkt = torch.ones(f, draws.pi_sk.shape[-1], t).to(draws.pi_sk)
-        mixture = SpatialMixture(
-            mixture.template_dfmm, mixture.w, mixture.pi, num_frames=t, diffuse=mixture.diffuse, psd_bfkt=ones_fkt
-        )
+        mixture = mixture.with_psd(torch.ones(f, mixture.pi.shape[-1], t).to(mixture.pi))
     with seeded(seed, x_fmt.device):
         x_sbfmt: Tensor = mixture.sample()
     return x_sbfmt.expand(len(draws), 1, *x_fmt.shape)[:, 0]

@@ -13,6 +13,7 @@ from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.inference.posterior_draws import PosteriorDraws, draw_from, log_likelihood, prior_draws, replicate
 from avssl_pyro.inference.predictive import BeamPower, Coherence, Statistic, predictive_check
+from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -85,3 +86,22 @@ def test_prior_draws_are_those_of_the_priors_and_come_again_by_their_seed(x_fmt:
     assert log_w_skd.std().item() == pytest.approx(1.0, abs=0.02)
     assert draws.pi_sk.std().item() == pytest.approx(12**-0.5, abs=0.01)
     assert torch.equal(prior_draws(MODEL, x_fmt, IMAGE_CIJ, 2000, seed=3).w_skd, draws.w_skd)
+
+
+@pytest.mark.parametrize("likelihood", [InverseGammaPsd(0.8, 0.1), FrameActivity(0.3, most_active=1)], ids=str)
+def test_replicas_are_made_by_the_likelihood_of_the_model(
+    truth: PosteriorDraws, likelihood: InverseGammaPsd | FrameActivity
+) -> None:
+    model = SpatialCGMM(STEERING_FDM, K, likelihood=likelihood)
+    replica_fmt, usual_fmt = (replicate(each, EMPTY_FMT, IMAGE_CIJ, truth, seed=3)[0] for each in (model, MODEL))
+    assert replica_fmt.shape == usual_fmt.shape
+    if isinstance(likelihood, InverseGammaPsd):
+        # Powers of bins differ by orders of magnitude, not only by the directions they come from.
+        spreads = [each.abs().square().sum(1).log().std() for each in (replica_fmt, usual_fmt)]
+        assert spreads[0] > 1.5 * spreads[1]
+    else:
+        # One class a frame: a frame's bins have the masks of one class.
+        w_kd = truth.w_skd[0]
+        mixture = likelihood(MODEL.template_dfmm, w_kd[None], truth.pi_sk, T, MODEL.diffuse)
+        active_kt = mixture.active(replica_fmt[None])[0]
+        assert active_kt.amax(0).min() > 0.9
