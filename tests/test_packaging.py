@@ -30,7 +30,14 @@ LAYERS = [
 ]
 # Within a layer.
 # A simulation gives what data are made of: clips, and labels of recordings.
-PEERS = {("data", "simulation"), ("simulation", "data.clip"), ("simulation", "data.dcase"), ("inference", "data")}
+# A guide that climbs or fits the posterior of a model has to know it; no model knows of guides.
+PEERS = {
+    ("data", "simulation"),
+    ("simulation", "data.clip"),
+    ("simulation", "data.dcase"),
+    ("inference", "data"),
+    ("guides", "models"),
+}
 
 
 def python_files() -> Iterator[tuple[str, Path]]:

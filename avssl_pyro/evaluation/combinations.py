@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from pyro.infer import Trace_ELBO
 from torch import Tensor, nn
 
 from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
@@ -21,7 +20,7 @@ from avssl_pyro.guides.directions import GuideParameters
 from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide
 from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.scene_families import LowRank, MeanField
-from avssl_pyro.inference.combination import Combination
+from avssl_pyro.inference.combination import Combination, sampled_elbo
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.system import System
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, Likelihood, ProfiledGaussian
@@ -104,8 +103,7 @@ class Recipe:
             self.likelihood,
         )
         model = model.to(system.model.template_pairs.device)
-        estimator = Trace_ELBO(num_particles=ELBO_DRAWS, vectorize_particles=True, max_plate_nesting=1)
-        return Combination(model, self.guide(system, model), estimator)
+        return Combination(model, self.guide(system, model), sampled_elbo(ELBO_DRAWS))
 
 
 RECIPES = (

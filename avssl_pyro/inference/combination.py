@@ -5,13 +5,18 @@ from typing import Any
 
 import pyro
 import torch
-from pyro.infer import ELBO, RenyiELBO, TraceEnum_ELBO
+from pyro.infer import ELBO, RenyiELBO, Trace_ELBO, TraceEnum_ELBO
 from torch import Tensor, nn
 
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.directions import DirectionGuide
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+
+
+def sampled_elbo(draws: int) -> ELBO:
+    """Trace_ELBO averaged over so many draws of the guide, all at once."""
+    return Trace_ELBO(num_particles=draws, vectorize_particles=True, max_plate_nesting=1)
 
 
 @dataclass(frozen=True)
