@@ -24,6 +24,7 @@ class BlindStart(nn.Module):
 
     def __init__(self, num_sources: int, grid: DirectionGrid) -> None:
         super().__init__()
+        self.num_sources = num_sources
         lobes = max(num_sources - 1, 1)
         centre_k = 2 * math.pi * torch.arange(lobes) / lobes
         azimuth_d = torch.from_numpy(grid.azimuths)

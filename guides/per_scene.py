@@ -24,7 +24,7 @@ from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 # The last step of Adam relative to the first.
 LAST_STEP = 0.05
 LEVEL_DRAWS = 2000
-# Fits begin so much narrower than their start, for the means to settle while draws are close to them.
+# Log-weights begin so much narrower than their start, for the means to settle while draws are close to them.
 FIRST_SPREAD = 0.3
 
 
@@ -95,7 +95,8 @@ class PerSceneGuide(nn.Module):
 
     Args:
         start: the guide whose answer is the start; it is not changed.
-        model: of which the posterior is wanted; its latent sites must be those of ``SpatialCGMM``.
+        model: of which the posterior is wanted; its latent sites must be those of ``SpatialCGMM``. Its parameters, if
+            it has any, are those of a module; Pyro's global store is not looked into.
         family: ``MeanField()`` or ``LowRank(rank)``.
         config: how to fit.
 
@@ -166,7 +167,9 @@ class PerSceneGuide(nn.Module):
 
 def dirichlet_of_moments(level_sbk: Tensor) -> Tensor:
     """Concentrations (B, K) of the Dirichlet with the means of draws (S, B, K) and the sum of their variances."""
-    mean_bk, variance_bk = level_sbk.mean(0), level_sbk.var(0)
-    spread_b = variance_bk.sum(-1).clamp_min(torch.finfo(mean_bk.dtype).tiny)
-    total_b = (1 - mean_bk.square().sum(-1)) / spread_b - 1
-    return (total_b[:, None] * mean_bk).clamp_min(LEAST_CONCENTRATION)
+    # Draws that are certain of one class leave differences that single precision rounds away.
+    draw_sbk = level_sbk.double()
+    mean_bk, variance_bk = draw_sbk.mean(0), draw_sbk.var(0)
+    spread_b = variance_bk.sum(-1).clamp_min(torch.finfo(torch.float32).tiny)
+    total_b = ((mean_bk * (1 - mean_bk)).sum(-1) / spread_b - 1).clamp_min(1.0)
+    return (total_b[:, None] * mean_bk).clamp_min(LEAST_CONCENTRATION).to(level_sbk.dtype)

@@ -32,7 +32,7 @@ class RefinementConfig:
 
     Args:
         rounds: most rounds of ascent.
-        tolerance: a clip has arrived when its log-likelihood per time-frequency bin rises by less in a round.
+        tolerance: a clip has arrived when its log posterior per time-frequency bin rises by less in a round.
         softening: the networks' log-weights are multiplied by it to start with; a start that is too sure of itself
             locks in, one that is flat forgets the picture.
         image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu). The picture
@@ -53,6 +53,8 @@ class RefinementConfig:
         for name in ("rounds", "bin_step", "frame_step"):
             if getattr(self, name) < 1:
                 raise InputError(f"RefinementConfig: {name} is {getattr(self, name)}; it must be at least 1.")
+        if self.extra_classes < 0:
+            raise InputError(f"RefinementConfig: extra_classes is {self.extra_classes}; it must be at least 0.")
 
 
 class RefinedGuide(PyroModule):
@@ -80,6 +82,11 @@ class RefinedGuide(PyroModule):
         self.start = start
         self.model = model
         self.config = config
+
+    @property
+    def num_sources(self) -> int:
+        """K, those of the start and those added."""
+        return getattr(self.start, "num_sources", self.model.num_sources) + self.config.extra_classes
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
         self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
@@ -119,15 +126,18 @@ class RefinedGuide(PyroModule):
 
     def _climb(self, ascent: MixtureAscent, log_w_bkd: Tensor, pi_bk: Tensor) -> MixturePoint:
         point = ascent.step(log_w_bkd, pi_bk)
-        climbing_b = torch.ones_like(point.log_likelihood_b, dtype=torch.bool)
-        stretch_b = torch.full_like(point.log_likelihood_b, OVERRELAXATION)
+        climbing_b = torch.ones_like(point.objective_b, dtype=torch.bool)
+        stretch_b = torch.full_like(point.objective_b, OVERRELAXATION)
+        # What a step has gained is known at the next one, when another has been stretched already.
+        stretched_b = torch.zeros_like(climbing_b)
         for _ in range(self.config.rounds - 1):
             above = ascent.step(point.log_w_bkd, point.pi_bk, stretch_b)
-            gain_b = (above.log_likelihood_b - point.log_likelihood_b) / point.counts_bk.sum(-1)
+            gain_b = (above.objective_b - point.objective_b) / point.counts_bk.sum(-1)
             # A clip that has arrived stays there, so that its result does not depend on its batch.
             point = point.choose(climbing_b, above)
             # One that fell was stretched too far, and has not arrived.
-            climbing_b = climbing_b & ((gain_b > self.config.tolerance) | (gain_b < 0) & (stretch_b > 1))
+            climbing_b = climbing_b & ((gain_b > self.config.tolerance) | (gain_b < 0) & stretched_b)
+            stretched_b = stretch_b > 1
             stretch_b = torch.where(gain_b < 0, 1.0, stretch_b)
             if not climbing_b.any():
                 break

@@ -44,6 +44,8 @@ class MeanField:
     ) -> AutoGuide:
         guide = AutoNormal(model, init_loc_fn=_at_means(start))
         _set_up(guide, x_bfmt, image_bcij)
+        # Set here and not through values of the sites, in which nearly empty classes cannot be told apart.
+        guide.locs.mixing_levels.data.copy_(start.loc_bn[:, start.num_weights :])
         guide.scales.direction_weights = start.sigma_bkd
         guide.scales.mixing_levels = start.scale_bn[:, start.num_weights :]
         return guide
@@ -71,7 +73,9 @@ class LowRank:
     ) -> AutoGuide:
         guide = AutoLowRankMultivariateNormal(model, init_loc_fn=_at_means(start), rank=self.rank)
         _set_up(guide, x_bfmt, image_bcij)
-        guide.scale = start.scale_bn[0, _sites_in_order(guide, start.num_sources).argsort()]  # type: ignore[assignment]
+        place_n = _sites_in_order(guide, start.num_sources).argsort()
+        guide.loc.data.copy_(start.loc_bn[0, place_n])
+        guide.scale = start.scale_bn[0, place_n]  # type: ignore[assignment]
         # Loadings are relative to the scale.
         guide.cov_factor.data.mul_(FIRST_LOADING)
         return guide

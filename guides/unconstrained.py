@@ -65,7 +65,8 @@ class UnconstrainedGaussian:
     def sites_of(self, latent_bn: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """w (B, K, D) and pi (B, K) of unconstrained latents (B, N), and the log Jacobian (B,) of getting there."""
         log_w_bn, stick_bk = latent_bn.split([self.num_weights, self.num_sources - 1], dim=-1)
-        stick_breaking = transforms.StickBreakingTransform()
+        # Its density needs the sticks, which cannot be told from the levels of classes that are nearly empty.
+        stick_breaking = transforms.StickBreakingTransform(cache_size=1)
         pi_bk = stick_breaking(stick_bk)
         jacobian_b = log_w_bn.sum(-1) + stick_breaking.log_abs_det_jacobian(stick_bk, pi_bk)
         return log_w_bn.exp().unflatten(-1, (self.num_sources, -1)), pi_bk, jacobian_b
@@ -90,7 +91,8 @@ class UnconstrainedGaussian:
         """
         n = self.num_weights
         loc_bn, scale_bn, factor_bnr = self.loc_bn[..., n:], self.scale_bn[..., n:], self.factor_bnr[..., n:, :]
-        stick_breaking = transforms.StickBreakingTransform()
+        # Its density needs the sticks, which cannot be told from the levels of classes that are nearly empty.
+        stick_breaking = transforms.StickBreakingTransform(cache_size=1)
         if not factor_bnr.shape[-1]:
             loc_bn = loc_bn.expand(*w_bkd.shape[:-2], -1)
             return dist.TransformedDistribution(dist.Normal(loc_bn, scale_bn).to_event(1), [stick_breaking])

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import torch
 import tyro
 from rich import box
 from rich.console import Console
@@ -19,10 +18,13 @@ from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.default_scenes import TEST, VALIDATION, Split, default_dataset
 from avssl_pyro.data.labeled_scenes import LabeledScenes
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.combinations import RECIPES, CombinationRow, Recipe, run_recipe
+from avssl_pyro.evaluation.combinations import ELBO_DRAWS, PER_SCENE, RECIPES, CombinationRow, Recipe, run_recipe
+from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.checkpoint import fingerprint
 from avssl_pyro.inference.pretrained import MOST_GENERAL
 
+# Counted up when the same facts lead to other numbers.
+FORMAT = 2
 COLUMNS = ("combination", "F", "count", "ELBO", "ms/clip")
 
 
@@ -68,9 +70,13 @@ def main(args: Sequence[str] | None = None) -> None:
             f"--validation-scenes {options.validation_scenes} and --test-scenes {options.test_scenes}: both must be at "
             "least 1."
         )
+    if options.first is not None and options.first < 1:
+        raise InputError(f"--first is {options.first}; give at least 1, or leave it out for all combinations.")
     system, array = choose_system(options.checkpoint, options.array, MOST_GENERAL)
     sets = [_scenes(options, split, array) for split in (VALIDATION, TEST)]
     facts = {
+        "format": FORMAT,
+        "guides": [asdict(RefinementConfig()), asdict(PER_SCENE), ELBO_DRAWS],
         "system": fingerprint(system),
         "sets": [scenes.fingerprint for scenes in sets],
         "scenes": [options.validation_scenes, options.test_scenes],
@@ -83,7 +89,6 @@ def main(args: Sequence[str] | None = None) -> None:
         print(f"{number} of {len(recipes)}: {', '.join(recipe.words)}.", flush=True)
         path = _row_path(options.out, recipe, facts)
         if not path.exists():
-            torch.manual_seed(options.seed)
             row = run_recipe(recipe, system, validation, test, options.seed)
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, json.dumps(asdict(row)).encode())

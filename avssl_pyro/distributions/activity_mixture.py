@@ -6,7 +6,7 @@ from typing import Any
 import torch
 from torch import Size, Tensor
 
-from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, observe
+from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram
 from avssl_pyro.distributions.spatial_mixture import LEAST_LEVEL_OVER_TINY, SpatialMixture
 
 # 2^K patterns of activity are summed over.
@@ -80,19 +80,23 @@ class ActivityMixture(SpatialMixture):
         return (on * pattern_sk.sum(-1)).log_softmax(-1)
 
     def _frames(self, value: Tensor | ObservedSpectrogram) -> tuple[Tensor, Tensor]:
-        """log p(x_t, s_t), (B..., S, T), and log p(x_tf, z_tf = k | all on), (B..., F, K, T)."""
-        observed = observe(value) if isinstance(value, Tensor) else value
-        joint_bfkt = super().joint_log_prob(observed)
-        pattern_sk = self._patterns_sk
-        tiny = torch.finfo(joint_bfkt.dtype).tiny
-        highest_bf1t = joint_bfkt.detach().amax(-2, keepdim=True)
+        """log p(x_t, s_t), (B..., S, T), and p(x_tf | z_tf = k) over that of the likeliest class, (B..., F, K, T)."""
+        component_bfkt = self.component_log_prob(value)
+        highest_bf1t = component_bfkt.detach().amax(-2, keepdim=True)
+        relative_bfkt = (component_bfkt - highest_bf1t).exp()
         # One matrix product over the classes for all patterns; a class that a pattern leaves out adds nothing.
-        sums_bfst = pattern_sk @ (joint_bfkt - highest_bf1t).exp()
-        log_share_bs = (self._levels() @ pattern_sk.T).clamp_min(LEAST_LEVEL_OVER_TINY * tiny).log()
-        given_bst = (sums_bfst.clamp_min(LEAST_LEVEL_OVER_TINY * tiny).log() + highest_bf1t).sum(-3)
-        num_frequencies = joint_bfkt.shape[-3]
-        prior_bs = self._log_prior_s() - num_frequencies * log_share_bs
-        return given_bst + prior_bs[..., None], joint_bfkt
+        given_bfst = self._sums(relative_bfkt).log() + highest_bf1t
+        return given_bfst.sum(-3) + self._log_prior_s()[:, None], relative_bfkt
+
+    def _sums(self, relative_bfkt: Tensor) -> Tensor:
+        """sum_k pi_sk p(x_tf | k) relative to the likeliest class, (B..., F, S, T)."""
+        least = LEAST_LEVEL_OVER_TINY * torch.finfo(relative_bfkt.dtype).tiny
+        return (self._levels_sk()[..., None, :, :] @ relative_bfkt).clamp_min(least)
+
+    def _levels_sk(self) -> Tensor:
+        """Levels under every pattern, (B..., S, K), each row summing to 1."""
+        level_bsk = self._patterns_sk * self._levels()[..., None, :]
+        return level_bsk / level_bsk.sum(-1, keepdim=True)
 
     def _levels(self) -> Tensor:
         return self.pi.clamp_min(LEAST_LEVEL_OVER_TINY * torch.finfo(self.pi.dtype).tiny)
@@ -109,12 +113,9 @@ class ActivityMixture(SpatialMixture):
 
     def masks(self, value: Tensor | ObservedSpectrogram) -> Tensor:
         """p(z_tf = k | x), (B..., F, K, T), over all patterns."""
-        frame_bst, joint_bfkt = self._frames(value)
-        pattern_sk = self._patterns_sk
-        weight_bfkt = (joint_bfkt - joint_bfkt.amax(-2, keepdim=True)).exp()
-        tiny = LEAST_LEVEL_OVER_TINY * torch.finfo(weight_bfkt.dtype).tiny
-        odds_bfst = frame_bst.softmax(-2)[..., None, :, :] / (pattern_sk @ weight_bfkt).clamp_min(tiny)
-        mask_bfkt = weight_bfkt * (pattern_sk.T @ odds_bfst)
+        frame_bst, relative_bfkt = self._frames(value)
+        odds_bfst = frame_bst.softmax(-2)[..., None, :, :] / self._sums(relative_bfkt)
+        mask_bfkt = relative_bfkt * (self._levels_sk().mT[..., None, :, :] @ odds_bfst)
         return mask_bfkt / mask_bfkt.sum(-2, keepdim=True)
 
     def _draw_classes(self, sample_shape: Size) -> Tensor:

@@ -41,6 +41,8 @@ NEWTON_STEPS = 4
 LONGEST_STEP = 2.0
 # Some priors leave a direction that nothing is heard from nearly free; beyond this it is of no interest.
 MOST_SPREAD = 4.0
+# Where one class has nearly all bins the others are not told apart, and no Dirichlet describes that well.
+LEAST_WORTH = 0.01
 BISECTIONS = 30
 
 
@@ -65,11 +67,13 @@ class MixturePoint:
         log_w_bkd: log direction weights, (B, K, D).
         counts_bk: expected numbers of time-frequency bins of every class, (B, K).
         log_likelihood_b: of the point before the step that led here, up to a constant of the clip, (B,).
+        objective_b: the same with the priors, which is what never falls, (B,).
     """
 
     log_w_bkd: Tensor
     counts_bk: Tensor
     log_likelihood_b: Tensor
+    objective_b: Tensor
 
     @property
     def pi_bk(self) -> Tensor:
@@ -82,6 +86,7 @@ class MixturePoint:
             torch.where(moves_b[:, None, None], other.log_w_bkd, self.log_w_bkd),
             torch.where(moves_b[:, None], other.counts_bk, self.counts_bk),
             torch.where(moves_b, other.log_likelihood_b, self.log_likelihood_b),
+            torch.where(moves_b, other.objective_b, self.objective_b),
         )
 
 
@@ -138,6 +143,8 @@ class MixtureAscent:
             stretch_b: the change of log w is multiplied by it; 2 is the common overrelaxation, about twice as fast as
                 a rule, but only 1 cannot fall.
         """
+        log_prior_b = self._prior.log_density(self._center(log_w_bkd) - self._prior_mean)
+        log_prior_b = log_prior_b + (self._alpha * pi_bk.clamp_min(torch.finfo(pi_bk.dtype).tiny).log()).sum(-1)
         expected = self._expect(log_w_bkd, pi_bk)
         inverse_bkfmm, gamma_bfkt, power = expected.inverse_bkfmm, expected.gamma_bfkt, self._tail.power
         count_bfk = gamma_bfkt.sum(-1)
@@ -154,7 +161,8 @@ class MixtureAscent:
         stretch_b11 = torch.as_tensor(stretch_b, dtype=pi_bk.dtype, device=pi_bk.device).reshape(-1, 1, 1)
         log_w_bkd = torch.lerp(self._center(log_w_bkd), best_bkd, stretch_b11)
         counts_bk = self._weight * count_bfk.sum(-2) + self._alpha
-        return MixturePoint(log_w_bkd, counts_bk, self._weight * expected.evidence_bft.sum((-2, -1)))
+        log_likelihood_b = self._weight * expected.evidence_bft.sum((-2, -1))
+        return MixturePoint(log_w_bkd, counts_bk, log_likelihood_b, log_likelihood_b + log_prior_b)
 
     @torch.no_grad()
     def uncertainty(self, point: MixturePoint) -> tuple[Tensor, Tensor]:
@@ -172,15 +180,14 @@ class MixtureAscent:
         information_bkfd = weight_bkfd.square() * (power * twice_bkfd - once_bkfd.square()) / (power + 1)
         square_bkf = expected.gamma_bfkt.square().sum(-1).transpose(-2, -1)
         precision_bkd = self._weight * (square_bkf[..., None] * information_bkfd).sum(-2).clamp_min(0)
-        return self._best_spread(point.log_w_bkd, precision_bkd), self._alpha + self._told(point, square_bkf)
+        return self._best_spread(point.log_w_bkd, precision_bkd), self._worth(point, square_bkf) * point.counts_bk
 
-    def _told(self, point: MixturePoint, square_bkf: Tensor) -> Tensor:
-        """Counts of the clip that are worth as much with masks observed as its own are without, (B, K)."""
+    def _worth(self, point: MixturePoint, square_bkf: Tensor) -> Tensor:
+        """Share of the counts that would tell as much with masks observed as all of them do without, (B, 1)."""
         pi_bk = point.pi_bk.clamp_min(torch.finfo(point.pi_bk.dtype).tiny)
         bins = self._observed.features_bfct.shape[-3] * self._observed.features_bfct.shape[-1]
         contrast_b = (square_bkf.sum(-1) / (bins * pi_bk)).sum(-1) - 1
-        worth_b = (contrast_b / max(pi_bk.shape[-1] - 1, 1)).clamp(0, 1)
-        return worth_b[:, None] * (point.counts_bk - self._alpha).clamp_min(0)
+        return (contrast_b / max(pi_bk.shape[-1] - 1, 1)).clamp(LEAST_WORTH, 1)[:, None]
 
     def _best_spread(self, log_w_bkd: Tensor, precision_bkd: Tensor) -> Tensor:
         about_mean_bkd = log_w_bkd - self._prior_mean

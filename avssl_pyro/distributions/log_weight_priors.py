@@ -14,6 +14,10 @@ from torch import Tensor
 class LogWeightPrior(Protocol):
     """What the ascent asks of a prior of log w."""
 
+    def log_density(self, log_w_bkd: Tensor) -> Tensor:
+        """log p summed over classes and directions, up to a constant, (B,)."""
+        ...
+
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         """d log p / d log w, (B, K, D)."""
         ...
@@ -58,6 +62,9 @@ class NormalLogWeights(_Independent):
 
     sigma: float = 1.0
 
+    def log_density(self, log_w_bkd: Tensor) -> Tensor:
+        return -0.5 * (log_w_bkd / self.sigma).square().sum((-2, -1))
+
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return -log_w_bkd / self.sigma**2
 
@@ -73,6 +80,9 @@ class GammaLogWeights(_Independent):
     """w ~ Gamma(shape, rate = shape)."""
 
     shape: float = 1.0
+
+    def log_density(self, log_w_bkd: Tensor) -> Tensor:
+        return self.shape * (log_w_bkd - log_w_bkd.exp()).sum((-2, -1))
 
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return self.shape * (1 - log_w_bkd.exp())
@@ -90,6 +100,9 @@ class HalfNormalLogWeights(_Independent):
 
     sigma: float = 1.0
 
+    def log_density(self, log_w_bkd: Tensor) -> Tensor:
+        return (log_w_bkd - 0.5 * (2 * log_w_bkd).exp() / self.sigma**2).sum((-2, -1))
+
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return 1 - (2 * log_w_bkd).exp() / self.sigma**2
 
@@ -104,6 +117,8 @@ class HalfNormalLogWeights(_Independent):
 class MixedLogWeights(_Independent):
     """log w ~ sum_j share_j N(mean_j, sigma^2); EM's bound at the current responsibilities stands in for it.
 
+    Between the components the density is flatter than the bound, and spreads made with it are too small there.
+
     Args:
         log_share_j, mean_j: of the components, (J,).
         sigma: that all of them have.
@@ -113,9 +128,14 @@ class MixedLogWeights(_Independent):
     mean_j: Tensor
     sigma: float
 
+    def _log_parts(self, log_w_bkd: Tensor) -> Tensor:
+        return self.log_share_j - 0.5 * ((log_w_bkd[..., None] - self.mean_j) / self.sigma).square()
+
     def _expected_mean(self, log_w_bkd: Tensor) -> Tensor:
-        distance_bkdj = (log_w_bkd[..., None] - self.mean_j) / self.sigma
-        return (self.log_share_j - 0.5 * distance_bkdj.square()).softmax(-1) @ self.mean_j
+        return self._log_parts(log_w_bkd).softmax(-1) @ self.mean_j
+
+    def log_density(self, log_w_bkd: Tensor) -> Tensor:
+        return self._log_parts(log_w_bkd).logsumexp(-1).sum((-2, -1))
 
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return (self._expected_mean(log_w_bkd) - log_w_bkd) / self.sigma**2
@@ -136,6 +156,9 @@ class CorrelatedLogWeights:
     """
 
     precision_dd: Tensor
+
+    def log_density(self, log_w_bkd: Tensor) -> Tensor:
+        return -0.5 * (log_w_bkd @ self.precision_dd * log_w_bkd).sum((-2, -1))
 
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         return -log_w_bkd @ self.precision_dd

@@ -9,7 +9,6 @@ from pyro.infer import ELBO, RenyiELBO, Trace_ELBO, TraceEnum_ELBO
 from torch import Tensor, nn
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.directions import DirectionGuide
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -54,7 +53,7 @@ class Combination:
                 "RenyiELBO is no bound where sites are scaled, and every bin of this model counts "
                 f"{self.model.bin_weight:g} times; use Trace_ELBO, or a model with bin_weight=1."
             )
-        classes = self.guide.num_sources if isinstance(self.guide, DirectionGuide) else self.model.num_sources
+        classes = getattr(self.guide, "num_sources", self.model.num_sources)
         if classes != self.model.num_sources:
             raise InputError(
                 f"the guide has {classes} source classes and the model {self.model.num_sources}; give both the same."
@@ -78,7 +77,8 @@ class Combination:
 
     def elbo(self, x_bfmt: Tensor, image_bcij: Tensor) -> float:
         """An estimate of the ELBO, or of Renyi's bound, summed over the clips, nats."""
-        # Pyro's global store would keep the guide's parameters, and a later SVI on another guide train them instead.
-        with torch.no_grad(), pyro.get_param_store().scope():
+        # What is there is used, but Pyro's global store would keep new parameters, and a later SVI train them instead.
+        store = pyro.get_param_store()
+        with torch.no_grad(), store.scope(store.get_state()):
             estimator: Any = self.estimator
             return -float(estimator.loss(self.model, self.guide, x_bfmt, image_bcij))

@@ -177,8 +177,10 @@ class NutsGuide(nn.Module):
         """The draws' moments; activation maps are those of the start."""
         with torch.no_grad(), poutine.block():
             start = self.start.parameters_of(x_bfmt, image_bcij)
-        clips = zip(x_bfmt, image_bcij, strict=True)
-        draws = [sample_posterior(self.start, self.model, *clip, self.config) for clip in clips]
+        draws = []
+        for b, clip in enumerate(zip(x_bfmt, image_bcij, strict=True)):
+            known = FittedPosterior(GuideParameters(*(value[b : b + 1] for value in start)))
+            draws.append(sample_posterior(known, self.model, *clip, self.config))
         mu_bkd, sigma_bkd, concentration_bk = (
             torch.stack(values).to(start.mu_bkd) for values in zip(*(clip.moments() for clip in draws), strict=True)
         )

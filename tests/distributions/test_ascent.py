@@ -211,6 +211,9 @@ def test_counts_are_worth_less_where_classes_look_alike(x_bfmt: Tensor) -> None:
             log_w_bkd[:, k, d] = contrast
         point = ascent.step(log_w_bkd, pi_bk)
         at_the_start = replace(point, log_w_bkd=log_w_bkd)
-        worth.append(ascent.uncertainty(at_the_start)[1].sum(-1).mean().item())
-    assert worth[0] == pytest.approx(0.5 * K, abs=1e-6)
+        concentration_bk = ascent.uncertainty(at_the_start)[1]
+        worth.append(concentration_bk.sum(-1).mean().item())
+        # However little they tell, the levels stay what they are.
+        torch.testing.assert_close(concentration_bk / concentration_bk.sum(-1, keepdim=True), at_the_start.pi_bk)
+    assert worth[0] == pytest.approx(0.01 * (F * T + 0.5 * K))
     assert worth[0] < worth[1] < worth[2] < F * T + 0.5 * K

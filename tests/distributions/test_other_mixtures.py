@@ -156,3 +156,18 @@ def test_too_many_classes_for_patterns_are_refused(latents: tuple[Tensor, Tensor
     w_bkd, pi_bk = torch.ones(1, 11, D, dtype=torch.float64), torch.full((1, 11), 1 / 11, dtype=torch.float64)
     with pytest.raises(ValueError, match="11 source classes have too many patterns of activity; use at most 10"):
         activity((w_bkd, pi_bk))
+
+
+def test_an_empty_class_takes_no_frame(x_bfmt: Tensor) -> None:
+    """A sparse prior draws levels below 1e-30; whoever is so quiet must still have a likelihood of its own."""
+    torch.manual_seed(0)
+    w_bkd = torch.rand(B, K, D, dtype=torch.float64) + 0.01
+    pi_bk = torch.tensor([[0.6, 0.4 - 1e-31, 1e-31]] * B, dtype=torch.float64)
+    exact, single = (
+        ActivityMixture(
+            TEMPLATE_DFMM.to(template), w_bkd.to(real), pi_bk.to(real), num_frames=T, activity=0.3, most_active=1
+        )
+        for template, real in ((torch.complex128, torch.float64), (torch.complex64, torch.float32))
+    )
+    expected, found = exact.log_prob(x_bfmt), single.log_prob(x_bfmt.to(torch.complex64))
+    torch.testing.assert_close(found.double(), expected, rtol=0, atol=0.01)

@@ -15,6 +15,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.guides.model_ascent import model_ascent
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, ProfiledGaussian
 from avssl_pyro.models.priors import (
@@ -61,6 +62,16 @@ def data() -> tuple[Tensor, Tensor]:
 
 def model(direction_prior: DirectionPrior = LogNormalWeights()) -> SpatialCGMM:  # noqa: B008
     return SpatialCGMM(STEERING_FDM, num_sources=K, direction_prior=direction_prior)
+
+
+class Sharp(torch.nn.Module):
+    """A start that is sure of three directions."""
+
+    def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
+        mu_bkd = torch.zeros(len(image_bcij), K, D)
+        for k in range(K):
+            mu_bkd[:, k, k * D // K] = 6.0
+        return mu_bkd, mu_bkd[:, :, None]
 
 
 def mean_loss(guide: torch.nn.Module, data: tuple[Tensor, Tensor]) -> float:
@@ -202,3 +213,20 @@ def test_what_the_ascent_cannot_take_in_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=sentence):
         RefinedGuide(start, SpatialCGMM(STEERING_FDM, K, **changes))
+
+
+@pytest.mark.parametrize(
+    "direction_prior", [LogNormalWeights(0.1), GammaWeights(50.0), CircularWeights(0.3, 60.0, 0.01)], ids=str
+)
+def test_it_does_not_stop_where_the_prior_pulls_against_the_likelihood(
+    start: AmortizedGuide, data: tuple[Tensor, Tensor], direction_prior: DirectionPrior
+) -> None:
+    """What rises is likelihood times prior; from a start that the prior dislikes the likelihood alone falls."""
+    guide = RefinedGuide(Sharp(), model(direction_prior), RefinementConfig(softening=1.0, rounds=300, tolerance=1e-5))
+    found, ascent = guide.parameters_of(*data), model_ascent(guide.model, data[0], Sharp().log_weights(data[1])[0])
+    pi_bk = found.concentration_bk / found.concentration_bk.sum(-1, keepdim=True)
+    points = [ascent.step(found.mu_bkd, pi_bk)]
+    for _ in range(100):
+        points.append(ascent.step(points[-1].log_w_bkd, points[-1].pi_bk))
+    left_b = (points[-1].objective_b - points[1].objective_b) / points[0].counts_bk.sum(-1)
+    assert left_b.max() < 0.01

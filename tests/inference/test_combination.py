@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+import pyro
 import pytest
 import torch
 from pyro.infer import ELBO, RenyiELBO, Trace_ELBO, TraceEnum_ELBO, TraceMeanField_ELBO
@@ -18,6 +19,7 @@ from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.guides.scene_families import LowRank, MeanField
+from avssl_pyro.guides.unconstrained import log_normal_and_dirichlet
 from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.inference.combination import Combination
 from avssl_pyro.inference.terms import has_analytic_kl
@@ -124,6 +126,13 @@ def data() -> tuple[Tensor, Tensor]:
     return torch.randn(B, 3, 4, T, dtype=torch.complex64), torch.rand(B, 3, 16, 32)
 
 
+@pytest.fixture(autouse=True)
+def empty_store() -> Iterator[None]:
+    """A loss in Pyro's default setting keeps its parameters in the global store."""
+    yield
+    pyro.clear_param_store()
+
+
 def combine(choice: Choice) -> Combination:
     torch.manual_seed(0)
     model = choice.model(STEERING_FDM, K, choice.levels, choice.directions, likelihood=choice.likelihood)
@@ -200,3 +209,39 @@ def test_which_divergences_the_mean_field_estimator_knows(
     pi = torch.distributions.Dirichlet(parameters.concentration_bk)
     priors = levels(K, like).expand([B]), directions(K, D, like).expand([B])
     assert (has_analytic_kl(pi, priors[0]), has_analytic_kl(weights, priors[1])) == analytic
+
+
+def test_the_elbo_is_that_of_trained_parameters_and_leaves_none_behind(data: tuple[Tensor, Tensor]) -> None:
+    """Also of a guide that is a function, whose parameters live in Pyro's global store."""
+    model = SpatialCGMM(STEERING_FDM, K, SymmetricDirichlet())
+
+    def guide(x_bfmt: Tensor, image_bcij: Tensor) -> None:
+        mean = pyro.param("mean", torch.zeros(()))
+        with pyro.plate("clip", len(x_bfmt)):
+            pyro.sample("direction_weights", pyro.distributions.LogNormal(mean.expand(K, D), 0.1).to_event(2))
+            pyro.sample("mixing_levels", pyro.distributions.Dirichlet(torch.ones(K)))
+
+    combination = Combination(model, guide, TraceMeanField_ELBO())
+    torch.manual_seed(0)
+    untrained = combination.elbo(*data)
+    assert not pyro.get_param_store()
+    pyro.param("mean", torch.tensor(5.0))
+    torch.manual_seed(0)
+    # Only the prior minds the scale of the weights: 5^2 / 2 for each of them.
+    assert untrained - combination.elbo(*data) == pytest.approx(B * K * D * 12.5, rel=0.1)
+
+
+def test_empty_classes_keep_their_density_under_a_fitted_guide(data: tuple[Tensor, Tensor]) -> None:
+    """Sticks are told from levels where classes are nearly empty only by remembering them."""
+    torch.manual_seed(0)
+    mu_bkd = torch.zeros(B, K, D)
+    concentration_bk = torch.tensor([[40_000.0, 0.01, 0.01]] * B)
+    posterior = log_normal_and_dirichlet(mu_bkd, torch.ones_like(mu_bkd), concentration_bk)
+    level = posterior.level_posterior(mu_bkd.exp())
+    sample = level.rsample()
+    exact = log_normal_and_dirichlet(
+        mu_bkd.double(), torch.ones_like(mu_bkd).double(), concentration_bk.double()
+    ).level_posterior(mu_bkd.double().exp())
+    latent = level.transforms[0].inv(sample)
+    expected = exact.log_prob(exact.transforms[0](latent.double()))
+    torch.testing.assert_close(level.log_prob(sample).double(), expected, rtol=0.01, atol=1.0)
