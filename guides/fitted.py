@@ -14,6 +14,8 @@ class FittedPosterior(nn.Module):
         parameters: of B clips; spectrograms and images are not looked at again.
     """
 
+    fits_each_clip = True
+
     def __init__(self, parameters: GuideParameters) -> None:
         super().__init__()
         self.parameters_of_clips = parameters

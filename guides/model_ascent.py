@@ -48,15 +48,15 @@ def check_ascent(model: SpatialCGMM) -> None:
     Raises:
         InputError: names the part of the model that does not say how.
     """
-    for part, protocol, method in (
-        (model.level_prior, CountedLevels, "pseudo_counts"),
-        (model.direction_prior, SmoothWeights, "of_log_weights"),
-        (model.likelihood, TailedLikelihood, "tail"),
+    for role, part, protocol, method in (
+        ("level prior", model.level_prior, CountedLevels, "pseudo_counts"),
+        ("direction prior", model.direction_prior, SmoothWeights, "of_log_weights"),
+        ("likelihood", model.likelihood, TailedLikelihood, "tail"),
     ):
         if not isinstance(part, protocol):
             raise InputError(
-                f"{part} has no '{method}', so closed-form ascent cannot take it in; use a PerSceneGuide, which needs "
-                "gradients alone."
+                f"the {role} {part} has no '{method}', so closed-form ascent cannot take it in; add that method or use "
+                "a PerSceneGuide, which needs gradients alone."
             )
 
 

@@ -66,6 +66,8 @@ class FittedGuide(nn.Module):
         seed: of the draws behind the levels' concentrations.
     """
 
+    fits_each_clip = True
+
     def __init__(self, posterior: UnconstrainedGaussian, activation_bkij: Tensor, seed: int = 0) -> None:
         super().__init__()
         self.posterior = posterior
@@ -118,6 +120,11 @@ class PerSceneGuide(nn.Module):
             raise InputError(
                 "PerSceneGuide: ExplicitMaskCGMM has discrete masks, which no Gaussian can follow; fit to SpatialCGMM, "
                 "whose masks are summed out, for the same posterior."
+            )
+        of_start, of_model = (getattr(each, "num_sources", None) for each in (start, model))
+        if None not in (of_start, of_model) and of_start != of_model:
+            raise InputError(
+                f"PerSceneGuide: the start has {of_start} source classes and the model {of_model}; give both the same."
             )
         self.model = model
         self.start = start

@@ -66,7 +66,8 @@ class RefinedGuide(PyroModule):
         config: how far to go.
 
     Raises:
-        InputError: a prior or the likelihood of the model does not say how the ascent can take it in.
+        InputError: a prior or the likelihood of the model does not say how the ascent can take it in, or start and
+            model do not go together.
     """
 
     fits_each_clip = True
@@ -78,15 +79,22 @@ class RefinedGuide(PyroModule):
         config: RefinementConfig = RefinementConfig(),
     ) -> None:
         super().__init__()
+        if not hasattr(start, "log_weights"):
+            raise InputError(
+                f"RefinedGuide: {type(start).__name__} has no 'log_weights' to start at; give one of networks, such "
+                "as a system's, or a BlindStart."
+            )
+        found = getattr(start, "num_sources", model.num_sources) + config.extra_classes
+        if found != model.num_sources:
+            raise InputError(
+                f"RefinedGuide: the start has {found} source classes, those added included, and the model "
+                f"{model.num_sources}; give both the same."
+            )
         check_ascent(model)
         self.start = start
         self.model = model
+        self.num_sources = model.num_sources
         self.config = config
-
-    @property
-    def num_sources(self) -> int:
-        """K, those of the start and those added."""
-        return getattr(self.start, "num_sources", self.model.num_sources) + self.config.extra_classes
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
         self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)

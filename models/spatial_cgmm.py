@@ -8,12 +8,17 @@
       `------------------ plate "clip", B -----------------'
 """
 
+import math
+
 import pyro
 import torch
+from pyro.distributions import TorchDistribution
 from pyro.nn import PyroModule
 from torch import Tensor
 
 from avssl_pyro.acoustics.covariance import template_covariances
+from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
+from avssl_pyro.errors import InputError
 from avssl_pyro.models.likelihoods import Likelihood, ProfiledGaussian
 from avssl_pyro.models.priors import DirectionPrior, LevelPrior, LogNormalWeights, SparseDirichlet
 
@@ -30,6 +35,9 @@ class SpatialCGMM(PyroModule):
         bin_weight: every observed time-frequency bin stands for so many, where others were left out (a subsampled
             plate); it balances the likelihood against the priors.
         likelihood: p(x | w, pi) (site ``spectrogram``).
+
+    Raises:
+        InputError: a number is out of its range, or a prior is of another shape than the model's.
     """
 
     def __init__(
@@ -43,6 +51,14 @@ class SpatialCGMM(PyroModule):
         likelihood: Likelihood = ProfiledGaussian(),  # noqa: B008
     ) -> None:
         super().__init__()
+        least = LEAST_DIFFUSE[steering_fdm.dtype]
+        for name, value, fulfilled, what in (
+            ("num_sources", num_sources, num_sources >= 1, "at least 1"),
+            ("diffuse", diffuse, least <= diffuse < math.inf, f"at least {least:g}"),
+            ("bin_weight", bin_weight, 0 < bin_weight < math.inf, "positive"),
+        ):
+            if not fulfilled:
+                raise InputError(f"SpatialCGMM: {name} is {value}; it must be {what}.")
         self.num_sources = num_sources
         self.level_prior = level_prior
         self.direction_prior = direction_prior
@@ -52,6 +68,11 @@ class SpatialCGMM(PyroModule):
         # Kept as real pairs: module.to(dtype) and the buffer broadcast of data parallelism mishandle complex buffers.
         self.template_pairs: Tensor
         self.register_buffer("template_pairs", torch.view_as_real(template_covariances(steering_fdm)), persistent=False)
+        like, num_directions = self.template_pairs, steering_fdm.shape[1]
+        _check_shape("level_prior", level_prior(num_sources, like), (num_sources,))
+        _check_shape(
+            "direction_prior", direction_prior(num_sources, num_directions, like), (num_sources, num_directions)
+        )
 
     @property
     def template_dfmm(self) -> Tensor:
@@ -68,3 +89,11 @@ class SpatialCGMM(PyroModule):
             of_x = self.likelihood(self.template_dfmm, w_bkd, pi_bk, x_bfmt.shape[-1], self.diffuse)
             with pyro.poutine.scale(scale=self.bin_weight):
                 pyro.sample("spectrogram", of_x, obs=x_bfmt)
+
+
+def _check_shape(role: str, prior: TorchDistribution, event_shape: tuple[int, ...]) -> None:
+    if (tuple(prior.batch_shape), tuple(prior.event_shape)) != ((), event_shape):
+        raise InputError(
+            f"SpatialCGMM: {role} returned a distribution of batch shape {tuple(prior.batch_shape)} and event shape "
+            f"{tuple(prior.event_shape)}; they must be () and {event_shape} (use 'to_event')."
+        )

@@ -43,6 +43,8 @@ def main(args: Sequence[str] | None = None) -> int:
     options = tyro.cli(CalibrateOptions, args=args)
     if options.trials < 1 or options.batch < 1:
         raise InputError(f"--trials {options.trials} and --batch {options.batch} must be at least 1.")
+    if not options.posteriors:
+        raise InputError("--posteriors: name at least one.")
     system = SmallSystem()
     samplers = system.samplers()
     if unknown := [name for name in options.posteriors if name not in samplers]:

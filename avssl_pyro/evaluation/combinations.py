@@ -92,17 +92,7 @@ class Recipe:
         Raises:
             InputError: the parts do not fit together.
         """
-        own = system.config.model
-        model = SpatialCGMM(
-            system.config.steering(),
-            own.num_sources,
-            self.levels,
-            self.directions,
-            own.diffuse,
-            own.bin_weight,
-            self.likelihood,
-        )
-        model = model.to(system.model.template_pairs.device)
+        model = system.model_with(level_prior=self.levels, direction_prior=self.directions, likelihood=self.likelihood)
         return Combination(model, self.guide(system, model), sampled_elbo(ELBO_DRAWS))
 
 

@@ -37,6 +37,12 @@ class Combination:
     estimator: ELBO
 
     def __post_init__(self) -> None:
+        if not isinstance(self.model, SpatialCGMM):
+            raise InputError(
+                f"Combination: {type(self.model).__name__} is no SpatialCGMM; the order is model, guide, estimator."
+            )
+        if not isinstance(self.estimator, ELBO):
+            raise InputError(f"Combination: {self.estimator} is no estimator; give an object such as Trace_ELBO().")
         estimator = type(self.estimator).__name__
         if isinstance(self.model, ExplicitMaskCGMM) and not isinstance(self.estimator, TraceEnum_ELBO):
             raise InputError(

@@ -24,7 +24,7 @@ class Localizer:
     """A system ready to localize.
 
     Raises:
-        InputError: the device cannot be used here.
+        InputError: the device cannot be used here, or the guide cannot be asked for its parameters.
 
     Args:
         system: model and guide; the guide is put into evaluation mode.
@@ -57,6 +57,10 @@ class Localizer:
             raise InputError(f"device '{device}' cannot be used here ({str(error).splitlines()[0]}).") from error
         if guide is None and refinement is not None:
             guide = RefinedGuide(system.guide if start is None else start, system.model, refinement)
+        if guide is not None and not hasattr(guide, "parameters_of"):
+            raise InputError(
+                f"Localizer: {type(guide).__name__} has no 'parameters_of'; give a guide that can tell its parameters."
+            )
         asked: PosteriorGuide = system.guide if guide is None else guide
         self.guide = asked.to(self.device).eval()
         self.uniform_levels = uniform_levels

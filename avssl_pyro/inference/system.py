@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import pyro.settings
 import torch
@@ -129,6 +130,23 @@ class System:
     config: SystemConfig
     model: SpatialCGMM
     guide: AmortizedGuide | UniformLevelGuide
+
+    def model_with(self, **parts: Any) -> SpatialCGMM:
+        """This system's model with other parts, for a change of one thing at a time.
+
+        Args:
+            parts: ``level_prior``, ``direction_prior``, ``likelihood`` or any other argument of :class:`SpatialCGMM`.
+        """
+        own = self.model
+        usual = {
+            "num_sources": own.num_sources,
+            "level_prior": own.level_prior,
+            "direction_prior": own.direction_prior,
+            "diffuse": own.diffuse,
+            "bin_weight": own.bin_weight,
+            "likelihood": own.likelihood,
+        }
+        return SpatialCGMM(self.config.steering(), **{**usual, **parts}).to(own.template_pairs.device)
 
     def state_dict(self) -> dict[str, Tensor]:
         """Weights of model and guide, prefixed ``model.`` and ``guide.``."""

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pyro
+import pyro.distributions as dist
 import pytest
 import torch
 from pyro.infer import Trace_ELBO
@@ -62,6 +63,13 @@ def data() -> tuple[Tensor, Tensor]:
 
 def model(direction_prior: DirectionPrior = LogNormalWeights()) -> SpatialCGMM:  # noqa: B008
     return SpatialCGMM(STEERING_FDM, num_sources=K, direction_prior=direction_prior)
+
+
+class Plain:
+    """A prior that says nothing but what it is."""
+
+    def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> dist.TorchDistribution:
+        return dist.LogNormal(like.new_zeros(num_sources, num_directions), 1.0).to_event(2)
 
 
 class Sharp(torch.nn.Module):
@@ -129,7 +137,8 @@ def test_a_clip_does_not_depend_on_its_batch(start: AmortizedGuide, data: tuple[
 
 
 def test_more_classes_than_the_networks_have(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
-    parameters = RefinedGuide(start, model(), replace(WHOLE, extra_classes=2)).parameters_of(*data)
+    more = SpatialCGMM(STEERING_FDM, num_sources=K + 2)
+    parameters = RefinedGuide(start, more, replace(WHOLE, extra_classes=2)).parameters_of(*data)
     assert parameters.mu_bkd.shape == (B, K + 2, D)
     assert parameters.concentration_bk.shape == (B, K + 2)
     assert parameters.activation_bkij.shape[1] == K + 2
@@ -204,7 +213,7 @@ def test_it_climbs_the_elbo_of_whatever_model_it_is_given(
     [
         ({"level_prior": StickBreaking(1.0)}, r"StickBreaking\(concentration=1.0\) has no 'pseudo_counts'"),
         ({"level_prior": LogisticNormal()}, "LogisticNormal.* has no 'pseudo_counts'"),
-        ({"direction_prior": object()}, "has no 'of_log_weights'"),
+        ({"direction_prior": Plain()}, "direction prior .* has no 'of_log_weights'"),
         ({"likelihood": FrameActivity()}, "FrameActivity.* has no 'tail'.*use a PerSceneGuide"),
     ],
 )
@@ -230,3 +239,19 @@ def test_it_does_not_stop_where_the_prior_pulls_against_the_likelihood(
         points.append(ascent.step(points[-1].log_w_bkd, points[-1].pi_bk))
     left_b = (points[-1].objective_b - points[1].objective_b) / points[0].counts_bk.sum(-1)
     assert left_b.max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (
+            lambda start: RefinedGuide(start, SpatialCGMM(STEERING_FDM, K + 2)),
+            "the start has 3 source classes.* model 5",
+        ),
+        (lambda _: RefinedGuide(torch.nn.Identity(), model()), "Identity has no 'log_weights' to start at"),
+        (lambda _: RefinementConfig(extra_classes=-1), "extra_classes is -1; it must be at least 0"),
+    ],
+)
+def test_starts_that_do_not_go_with_the_model_are_refused(start: AmortizedGuide, make: Any, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        make(start)

@@ -245,3 +245,15 @@ def test_empty_classes_keep_their_density_under_a_fitted_guide(data: tuple[Tenso
     latent = level.transforms[0].inv(sample)
     expected = exact.log_prob(exact.transforms[0](latent.double()))
     torch.testing.assert_close(level.log_prob(sample).double(), expected, rtol=0.01, atol=1.0)
+
+
+def test_mixed_up_arguments_are_told(data: tuple[Tensor, Tensor]) -> None:
+    model, guide = SpatialCGMM(STEERING_FDM, K), amortized()
+    with pytest.raises(InputError, match="AmortizedGuide is no SpatialCGMM; the order is model, guide, estimator"):
+        Combination(guide, model, Trace_ELBO())
+    with pytest.raises(InputError, match=r"is no estimator; give an object such as Trace_ELBO\(\)"):
+        Combination(model, guide, Trace_ELBO)
+    with pytest.raises(InputError, match="has nothing to train"):
+        Combination(model, mean_field(model).fitted_to(*data), Trace_ELBO()).trainable_loss()
+    with pytest.raises(InputError, match="the start has 3 source classes and the model 4"):
+        PerSceneGuide(guide, SpatialCGMM(STEERING_FDM, K + 1))

@@ -1,4 +1,5 @@
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pyro
@@ -12,6 +13,7 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
+from avssl_pyro.errors import InputError
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
@@ -122,3 +124,24 @@ def test_marginal_and_explicit_masks_agree_at_given_latents(seed: int) -> None:
         else:
             log_prob.append(trace.nodes["spectrogram"]["log_prob"])
     torch.testing.assert_close(log_prob[0], log_prob[1], rtol=1e-10, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"num_sources": 0}, "num_sources is 0; it must be at least 1"),
+        ({"diffuse": 0.0}, "diffuse is 0.0; it must be at least 0.001"),
+        ({"bin_weight": -1.0}, "bin_weight is -1.0; it must be positive"),
+        (
+            {"direction_prior": lambda k, d, like: dist.LogNormal(like.new_zeros(k, d), 1.0)},
+            r"direction_prior returned a distribution of batch shape \(4, 8\) and event shape \(\); they must be \(\)",
+        ),
+        (
+            {"level_prior": lambda k, like: dist.Dirichlet(like.new_ones(k - 1))},
+            r"level_prior returned .* event shape \(3,\); they must be \(\) and \(4,\)",
+        ),
+    ],
+)
+def test_models_that_cannot_be_are_refused(changes: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        SpatialCGMM(steering(), **changes)
