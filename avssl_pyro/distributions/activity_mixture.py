@@ -1,7 +1,6 @@
 """The spatial mixture with levels of their own in every frame: a class is on or off, and those that are on share it."""
 
 from itertools import product
-from typing import Any
 
 import torch
 from torch import Size, Tensor
@@ -50,7 +49,10 @@ class ActivityMixture(SpatialMixture):
                 f"{pi.shape[-1]} source classes have too many patterns of activity; use at most {MOST_SOURCES}."
             )
         self.activity = activity
-        self.most_active = pi.shape[-1] if most_active is None else most_active
+        most_active = pi.shape[-1] if most_active is None else most_active
+        patterns = product((0.0, 1.0), repeat=pi.shape[-1])
+        # All that are possible, (S, K), made once: every evaluation asks for them several times.
+        self._patterns_sk = pi.new_tensor([pattern for pattern in patterns if 0 < sum(pattern) <= most_active])
         super().__init__(
             template_dfmm,
             w,
@@ -60,18 +62,6 @@ class ActivityMixture(SpatialMixture):
             psd_bfkt=psd_bfkt,
             validate_args=validate_args,
         )
-
-    def expand(self, batch_shape: Any, _instance: Any = None) -> "ActivityMixture":
-        new: ActivityMixture = type(self).__new__(type(self)) if _instance is None else _instance
-        new.activity, new.most_active = self.activity, self.most_active
-        super().expand(batch_shape, new)
-        return new
-
-    @property
-    def _patterns_sk(self) -> Tensor:
-        """All patterns that are possible, (S, K)."""
-        patterns = product((0.0, 1.0), repeat=self.pi.shape[-1])
-        return self.pi.new_tensor([pattern for pattern in patterns if 0 < sum(pattern) <= self.most_active])
 
     def _log_prior_s(self) -> Tensor:
         """Of every pattern, given that it is possible."""

@@ -83,10 +83,9 @@ class SpatialMixture(TorchDistribution):
 
     def expand(self, batch_shape: Any, _instance: Any = None) -> "SpatialMixture":
         new: SpatialMixture = type(self).__new__(type(self)) if _instance is None else _instance
+        # Everything, so that mixtures with parameters of their own need no expand of their own.
+        new.__dict__.update(self.__dict__)
         batch_shape = Size(batch_shape)
-        new.template_dfmm = self.template_dfmm
-        new.diffuse = self.diffuse
-        new.num_frames = self.num_frames
         new.w = self.w.expand(batch_shape + self.w.shape[-2:])
         new.pi = self.pi.expand(batch_shape + self.pi.shape[-1:])
         new.psd_bfkt = None if self.psd_bfkt is None else self.psd_bfkt.expand(batch_shape + self.psd_bfkt.shape[-3:])

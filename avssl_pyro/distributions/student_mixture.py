@@ -43,12 +43,6 @@ class StudentMixture(SpatialMixture):
         self.psd_shape, self.psd_scale = psd_shape, psd_scale
         super().__init__(template_dfmm, w, pi, num_frames=num_frames, diffuse=diffuse, validate_args=validate_args)
 
-    def expand(self, batch_shape: Any, _instance: Any = None) -> "StudentMixture":
-        new: StudentMixture = type(self).__new__(type(self)) if _instance is None else _instance
-        new.psd_shape, new.psd_scale = self.psd_shape, self.psd_scale
-        super().expand(batch_shape, new)
-        return new
-
     @property
     def can_be_sampled(self) -> bool:
         return True
