@@ -60,7 +60,7 @@ def imported(path: Path) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
             assert node.module is not None
-            # `from avssl_pyro.data import clip` imports a module, `from avssl_pyro.data.clip import Clip` a name.
+            # `from avssl_pyro.data import clip` imports a module, `from avssl_pyro.clip import Clip` a name.
             yield from (
                 f"{node.module}.{alias.name}" if f"{node.module}.{alias.name}" in submodules() else node.module
                 for alias in node.names

@@ -26,8 +26,8 @@ from torch.distributions import Dirichlet
 from avssl_pyro.acoustics.covariance import spatial_covariance
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import stft
-from avssl_pyro.data.batch import collate_clips
-from avssl_pyro.data.clip import CLIP_SAMPLES, IMAGE_COLUMNS, IMAGE_ROWS, Clip
+from avssl_pyro.batch import collate_clips
+from avssl_pyro.clip import CLIP_SAMPLES, IMAGE_COLUMNS, IMAGE_ROWS, Clip
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.generation import generate
 from avssl_pyro.data.loader import make_loader

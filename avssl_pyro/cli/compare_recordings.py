@@ -12,7 +12,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.train import PRESETS
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.clip import Clip
 from avssl_pyro.data.files import read_audio
 from avssl_pyro.data.labeled_recordings import LabeledRecording, read_labeled_recordings
 from avssl_pyro.errors import InputError

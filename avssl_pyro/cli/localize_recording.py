@@ -19,7 +19,7 @@ from avssl_pyro.data.excerpts import read_excerpts
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.data.recording_list import RecordingFiles
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.interruption import StopRequest
+from avssl_pyro.interruption import StopRequest
 from avssl_pyro.inference.localization import SourceThresholds
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.recording_result import dcase_rows, json_lines

@@ -12,7 +12,7 @@ import tyro
 
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.material import MaterialOptions
-from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.encoding import LabeledScene
 from avssl_pyro.data.generation import SCENES_PER_SHARD, generate

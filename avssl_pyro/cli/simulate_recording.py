@@ -18,7 +18,7 @@ from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.steering_kinds import AmbisonicsKind
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.material import MaterialOptions
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.data.dcase import write_dcase
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.film import Camera

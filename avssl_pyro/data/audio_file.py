@@ -11,7 +11,7 @@ import numpy.typing as npt
 import soundfile
 from scipy.signal import resample_poly
 
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
 
 # Float files of 32-bit integers that nobody scaled are the largest that make sense.

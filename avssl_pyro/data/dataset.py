@@ -11,7 +11,7 @@ from torch.utils.data import Dataset
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.data.channel_map import matching_channels
-from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.data.encoding import (
     AUDIO_EXTENSIONS,
     FACTS_EXTENSION,

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.data.clip import SceneLabels
+from avssl_pyro.clip import SceneLabels
 from avssl_pyro.errors import InputError
 
 FRAME_S = 0.1

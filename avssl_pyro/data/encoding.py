@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import soundfile
 
-from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_ROWS, SAMPLE_RATE, Clip, SceneLabels
+from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_ROWS, SAMPLE_RATE, Clip, SceneLabels
 from avssl_pyro.errors import InputError
 
 FLAC_MAX_CHANNELS = 8

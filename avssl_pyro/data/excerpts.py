@@ -10,7 +10,7 @@ import soundfile
 from scipy.signal import resample_poly
 
 from avssl_pyro.data.audio_file import check_live, check_samples
-from avssl_pyro.data.clip import SAMPLE_RATE, Clip
+from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.data.files import MIN_SECONDS
 from avssl_pyro.errors import InputError
 

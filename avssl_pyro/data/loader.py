@@ -7,8 +7,8 @@ import cv2
 import torch
 from torch.utils.data import DataLoader, Dataset
 
-from avssl_pyro.data.batch import ClipBatch, collate_clips
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.batch import ClipBatch, collate_clips
+from avssl_pyro.clip import Clip
 
 
 def make_loader(

@@ -11,7 +11,7 @@ from typing import Any
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.data.dcase import DcaseRow, labels_between
 from avssl_pyro.data.excerpts import read_excerpts
 from avssl_pyro.data.files import check_channels

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import soundfile
 
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 
 
 def write_separated(

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.data.clip import SAMPLE_RATE, Clip
+from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.data.files import fit_image
 from avssl_pyro.inference.diagnosis.camera import judge, orientation_search
 from avssl_pyro.inference.diagnosis.finding import Severity

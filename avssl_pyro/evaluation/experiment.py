@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.matching import Matching, gate_then_assign
 from avssl_pyro.evaluation.methods import Method, Tuned, tune

@@ -6,7 +6,7 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.data.clip import SAMPLE_RATE, Clip
+from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.evaluation.tracking_experiment import Recording
 from avssl_pyro.inference.localization import SourceThresholds, select_sources
 from avssl_pyro.inference.localizer import Localizer

@@ -6,7 +6,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy.typing as npt
 
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.metrics import Azimuths, evaluate
 

@@ -7,7 +7,7 @@ from itertools import islice, product
 import numpy as np
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.clip import Clip
 from avssl_pyro.evaluation.metrics import Azimuths
 from avssl_pyro.inference.localization import ScenePosterior, SourceThresholds, select_sources
 

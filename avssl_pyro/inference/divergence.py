@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-from avssl_pyro.data.batch import ClipBatch
+from avssl_pyro.batch import ClipBatch
 from avssl_pyro.inference.terms import ElboTerms
 
 

@@ -9,8 +9,8 @@ from torch import Tensor
 
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.acoustics.stft import loud_frames, stft
-from avssl_pyro.data.batch import collate_clips
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.batch import collate_clips
+from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.directions import DirectionStart, GuideParameters, PosteriorGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig

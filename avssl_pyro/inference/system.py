@@ -11,7 +11,7 @@ from torch import Tensor
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.stft import StftConfig
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide

@@ -19,7 +19,7 @@ from lightning_fabric import Fabric
 from pyro.infer import Trace_ELBO
 
 from avssl_pyro.acoustics.stft import stft
-from avssl_pyro.data.batch import ClipBatch
+from avssl_pyro.batch import ClipBatch
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.loader import make_loader
 from avssl_pyro.data.sampling import WindowShuffleSampler
@@ -28,7 +28,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.divergence import diverged_gradient, diverged_loss
-from avssl_pyro.inference.interruption import StopRequest
+from avssl_pyro.interruption import StopRequest
 from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss
 from avssl_pyro.inference.reporting import Reporter
 from avssl_pyro.inference.system import System

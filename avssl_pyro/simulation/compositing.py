@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.data.clip import IMAGE_COLUMNS, IMAGE_ROWS
+from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_ROWS
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.data.clip import CLIP_SAMPLES
+from avssl_pyro.clip import CLIP_SAMPLES
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.compositing import Standing
 

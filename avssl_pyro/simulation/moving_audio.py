@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.simulation.moving_talkers import MovingTalkers
 from avssl_pyro.simulation.speech import SpeechSource
 from avssl_pyro.simulation.voices import ProceduralSpeech

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 
 # Reflections come from the nearest of so many directions, at most 3 degrees away; the direct sound from its own.
 NUM_DIRECTIONS = 1500

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.data.dcase import FRAME_S, DcaseRow
 from avssl_pyro.simulation.moving_people import MovingPeople
 from avssl_pyro.simulation.speech import SpeechSource

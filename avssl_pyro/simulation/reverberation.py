@@ -13,7 +13,7 @@ from scipy import fft
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.simulation.plane_waves import PlaneWaveReceiver, Waves
 
 ORDERS_PER_SECOND = 60.0

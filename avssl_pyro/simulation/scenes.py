@@ -9,7 +9,7 @@ import numpy.typing as npt
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering_kinds import MeasuredKind
-from avssl_pyro.data.clip import SAMPLE_RATE, Clip, SceneLabels
+from avssl_pyro.clip import SAMPLE_RATE, Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.compositing import Composite, composite, relight
 from avssl_pyro.simulation.figures import ProceduralPerson

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import soundfile
 from scipy import signal
 
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.material import list_material
 

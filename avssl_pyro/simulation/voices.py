@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import fft, signal
 
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.simulation.speech import active_excerpt, normalize
 
 HOP = 160

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.timeline import Timeline

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from avssl_pyro.data.clip import IMAGE_MAX_ELEVATION_DEG, SAMPLE_RATE, Clip
+from avssl_pyro.clip import IMAGE_MAX_ELEVATION_DEG, SAMPLE_RATE, Clip
 from avssl_pyro.data.encoding import LabeledScene
 
 TALKER_COLORS = ("#ffb000", "#00e0ff", "#ff5fa2", "#8cff66")

@@ -8,7 +8,7 @@ import soundfile
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.compare_recordings import main
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 
 ARRAY = PRESETS["circle4"]
 BASELINES = ("srp-phat", "music", "norm-music")

@@ -15,7 +15,7 @@ import soundfile
 from avssl_pyro.cli import localize_recording
 from avssl_pyro.cli.localize import main
 from avssl_pyro.data.dcase import read_dcase
-from avssl_pyro.inference.interruption import StopRequest
+from avssl_pyro.interruption import StopRequest
 from avssl_pyro.viz.video_writer import open_video
 
 ROWS, COLUMNS, FRAME_RATE, SECONDS = 160, 320, 10.0, 3

@@ -6,7 +6,7 @@ import soundfile
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.clip import Clip
 from avssl_pyro.data.excerpts import Excerpts, evenly, read_excerpts
 from avssl_pyro.errors import InputError
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.batch import ClipBatch
+from avssl_pyro.batch import ClipBatch
 from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.generation import GenerationPlan
 from avssl_pyro.data.loader import make_loader

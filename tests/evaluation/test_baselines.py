@@ -8,7 +8,7 @@ from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering_kinds import MeasuredKind
 from avssl_pyro.acoustics.stft import stft
-from avssl_pyro.data.clip import CLIP_SAMPLES, SAMPLE_RATE, Clip
+from avssl_pyro.clip import CLIP_SAMPLES, SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DoaBaseline, default_baselines, subspace_sources
 from avssl_pyro.evaluation.peaks import PeakSetting

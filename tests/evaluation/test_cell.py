@@ -6,7 +6,7 @@ import pytest
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.cell import cell_from_dict, cell_to_dict, run_cell
 from avssl_pyro.evaluation.cell_store import CellStore

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.experiment import run_methods, score_runs
 from avssl_pyro.evaluation.trivial import ConstantCount, RandomAtTrueCount

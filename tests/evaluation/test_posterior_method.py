@@ -1,7 +1,7 @@
 import numpy as np
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.clip import Clip
 from avssl_pyro.evaluation.methods import tune
 from avssl_pyro.evaluation.posterior_method import PosteriorMethod
 from avssl_pyro.inference.localization import ScenePosterior

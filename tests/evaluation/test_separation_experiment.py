@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.clip import Clip
 from avssl_pyro.evaluation.separation_experiment import UNPROCESSED, Improvements, SeparationExperiment
 from avssl_pyro.evaluation.separation_methods import DelayAndSumAtTruth, Estimates, OracleMasks, PosteriorSeparation
 from avssl_pyro.evaluation.separation_table import lead, separation_table

@@ -13,8 +13,8 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.acoustics.steering_kinds import MeasuredKind
 from avssl_pyro.acoustics.stft import StftConfig, stft
-from avssl_pyro.data.batch import collate_clips
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.batch import collate_clips
+from avssl_pyro.clip import Clip
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig

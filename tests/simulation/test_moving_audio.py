@@ -3,7 +3,7 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.clip import SAMPLE_RATE, Clip
+from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.simulation.moving_audio import MovingAudioConfig, render_moving

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.data.clip import SceneLabels
+from avssl_pyro.clip import SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.localization import LocalizedSource, ScenePosterior
 from avssl_pyro.viz.circle import Circle, draw_circles, draw_patterns

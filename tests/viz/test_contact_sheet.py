@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from avssl_pyro.data.clip import Clip, SceneLabels
+from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.viz.contact_sheet import TALKER_COLORS, contact_sheet
 
 BLUE = (0, 0, 200)

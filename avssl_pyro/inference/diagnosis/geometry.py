@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity, listed
 
 CHECK = "geometry"

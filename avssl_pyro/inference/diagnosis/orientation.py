@@ -28,8 +28,8 @@ from tqdm import tqdm
 from avssl_pyro.acoustics.covariance import spatial_covariance
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.acoustics.stft import StftConfig, stft
-from avssl_pyro.data.batch import collate_clips
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.batch import collate_clips
+from avssl_pyro.clip import Clip
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, component_log_likelihood, observe
 
 COARSE_DEG, FINE_DEG = 15.0, 5.0

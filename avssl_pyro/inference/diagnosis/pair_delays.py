@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 
 LONGEST_S = 0.25
 BAND_HZ = (150.0, 6000.0)

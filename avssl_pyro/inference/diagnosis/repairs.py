@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
-from avssl_pyro.data.clip import SAMPLE_RATE
+from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.diagnosis.finding import Severity, channels
 

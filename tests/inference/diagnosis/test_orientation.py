@@ -11,7 +11,7 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.acoustics.stft import StftConfig
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.clip import Clip
 from avssl_pyro.inference.diagnosis.camera import judge
 from avssl_pyro.inference.diagnosis.finding import Severity
 from avssl_pyro.inference.diagnosis.orientation import Orientation, OrientationSearch, Turn, conclude, turn_picture

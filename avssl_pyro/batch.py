@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from avssl_pyro.data.clip import Clip
+from avssl_pyro.clip import Clip
 
 
 @dataclass(frozen=True)
