@@ -14,7 +14,7 @@ from avssl_pyro.data.default_scenes import TEST, default_dataset
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig
-from avssl_pyro.viz.png import save_png
+from avssl_pyro.io.png import save_png
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.pretrained import MOST_GENERAL
 from avssl_pyro.inference.system import System
 from avssl_pyro.viz.overlay import draw_overlay
-from avssl_pyro.viz.png import save_png
+from avssl_pyro.io.png import save_png
 
 COLUMN_WIDTH, GAP = 800, 8
 LEAST_DISTANCE_M = 1.0

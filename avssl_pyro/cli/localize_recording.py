@@ -14,7 +14,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.command import EXIT_INTERRUPTED
 from avssl_pyro.cli.placement import PlacementOptions
-from avssl_pyro.data.dcase import write_dcase
+from avssl_pyro.io.dcase import write_dcase
 from avssl_pyro.data.excerpts import read_excerpts
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.data.recording_list import RecordingFiles
@@ -27,7 +27,7 @@ from avssl_pyro.inference.streaming import detect
 from avssl_pyro.inference.timeline import Timeline, timeline_of_tracks, timeline_of_windows
 from avssl_pyro.inference.tracking import WindowDetections, track
 from avssl_pyro.viz.annotated_video import save_annotated_video
-from avssl_pyro.viz.video_writer import check_video_name, has_encoder
+from avssl_pyro.io.video_writer import check_video_name, has_encoder
 
 WINDOW_S = 1.0
 FAST_RATE, REFINED_RATE = 10.0, 2.0

@@ -11,7 +11,7 @@ import tyro
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.placement import PlacementOptions
-from avssl_pyro.data.dcase import DcaseRow
+from avssl_pyro.io.dcase import DcaseRow
 from avssl_pyro.data.generation import SCENES_PER_SHARD
 from avssl_pyro.data.preparation import CuttingConfig, Prepared, prepare
 from avssl_pyro.data.recording import Recording

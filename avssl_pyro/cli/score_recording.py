@@ -8,9 +8,9 @@ import numpy as np
 import tyro
 
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.data.audio_file import AudioFile
-from avssl_pyro.data.dcase import FRAME_S, DcaseRow, read_dcase
-from avssl_pyro.data.files import check_channels
+from avssl_pyro.io.audio_stream import AudioFile
+from avssl_pyro.io.dcase import FRAME_S, DcaseRow, read_dcase
+from avssl_pyro.io.clip_files import check_channels
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.label_scores import azimuths_of_frames, score_table

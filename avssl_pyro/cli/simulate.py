@@ -22,7 +22,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.viz.contact_sheet import contact_sheet
-from avssl_pyro.viz.png import write_png
+from avssl_pyro.io.png import write_png
 
 PREVIEW_SCENES = 12
 EXIT_UNSOUND = 1

@@ -19,12 +19,12 @@ from avssl_pyro.acoustics.steering_kinds import AmbisonicsKind
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.material import MaterialOptions
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.data.dcase import write_dcase
+from avssl_pyro.io.dcase import write_dcase
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.film import Camera
 from avssl_pyro.simulation.moving_people import MovingPeopleConfig
 from avssl_pyro.simulation.recordings import RecordingSimulator, SimulatedRecording
-from avssl_pyro.viz.video_writer import open_video
+from avssl_pyro.io.video_writer import open_video
 
 FRAME_RATE = 30_000 / 1001
 # STARSS23's own folds of these splits.

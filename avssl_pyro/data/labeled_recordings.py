@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from avssl_pyro.data.csv_table import CsvLine, read_csv_table
+from avssl_pyro.io.csv_table import CsvLine, read_csv_table
 from avssl_pyro.errors import InputError
 
 LABELS_NAME = "labels.csv"

@@ -12,9 +12,9 @@ from typing import Any
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.data.dcase import DcaseRow, labels_between
+from avssl_pyro.io.dcase import DcaseRow, labels_between
 from avssl_pyro.data.excerpts import read_excerpts
-from avssl_pyro.data.files import check_channels
+from avssl_pyro.io.clip_files import check_channels
 from avssl_pyro.data.generation import SCENES_PER_SHARD, GenerationPlan, generate
 from avssl_pyro.data.manifest import Manifest, first_difference, read_json, to_json
 from avssl_pyro.data.recording import Recording

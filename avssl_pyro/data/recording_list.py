@@ -5,10 +5,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from avssl_pyro.data.audio_file import AudioFile
-from avssl_pyro.data.csv_table import CsvLine, read_csv_table
+from avssl_pyro.io.audio_stream import AudioFile
+from avssl_pyro.io.csv_table import CsvLine, read_csv_table
 from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.video_file import VideoFile
+from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.errors import InputError
 
 AUDIO_SUFFIXES = (".wav", ".flac")

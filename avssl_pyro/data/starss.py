@@ -11,10 +11,10 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from avssl_pyro.data.audio_file import AudioFile
-from avssl_pyro.data.dcase import DcaseRow, read_dcase
+from avssl_pyro.io.audio_stream import AudioFile
+from avssl_pyro.io.dcase import DcaseRow, read_dcase
 from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.video_file import VideoFile
+from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.errors import InputError
 
 FORMATS = ("mic", "foa")

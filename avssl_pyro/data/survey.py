@@ -9,7 +9,7 @@ import numpy.typing as npt
 from tqdm import tqdm
 
 from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.video_file import MAX_FRAME_AGE_S
+from avssl_pyro.io.video_reader import MAX_FRAME_AGE_S
 from avssl_pyro.errors import InputError
 
 # Below this a channel holds nothing but rounding: -100 dB of full scale.

@@ -6,7 +6,7 @@ import numpy as np
 
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.clip import SAMPLE_RATE, Clip
-from avssl_pyro.data.files import fit_image
+from avssl_pyro.io.clip_files import fit_image
 from avssl_pyro.inference.diagnosis.camera import judge, orientation_search
 from avssl_pyro.inference.diagnosis.finding import Severity
 from avssl_pyro.inference.system import System

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from avssl_pyro.data.dcase import FRAME_S, DcaseRow
+from avssl_pyro.io.dcase import FRAME_S, DcaseRow
 from avssl_pyro.inference.timeline import Moment, Timeline
 
 FORMAT = "avssl-window/1"

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.data.dcase import FRAME_S, DcaseRow
+from avssl_pyro.io.dcase import FRAME_S, DcaseRow
 from avssl_pyro.simulation.moving_people import MovingPeople
 from avssl_pyro.simulation.speech import SpeechSource
 from avssl_pyro.simulation.walking_voice import Steps, hear_walking

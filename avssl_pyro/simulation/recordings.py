@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.dcase import DcaseRow
+from avssl_pyro.io.dcase import DcaseRow
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.figures import ProceduralPerson
 from avssl_pyro.simulation.film import Camera, Film

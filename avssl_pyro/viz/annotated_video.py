@@ -12,7 +12,7 @@ from avssl_pyro.data.recording import Recording
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.timeline import Timeline
 from avssl_pyro.viz.frame_annotator import AnnotationStyle, FrameAnnotator
-from avssl_pyro.viz.video_writer import SoundTrack, open_video
+from avssl_pyro.io.video_writer import SoundTrack, open_video
 
 # Sound is read in pieces of this many samples.
 BLOCK = SAMPLE_RATE
@@ -33,7 +33,7 @@ def save_annotated_video(
     mirror instead. One ear hears the leftmost microphone, the other the rightmost.
 
     Args:
-        path: the video, see :func:`avssl_pyro.viz.video_writer.open_video`.
+        path: the video, see :func:`avssl_pyro.io.video_writer.open_video`.
         recording: with video.
         timeline: its sources.
         array: that recorded it.
@@ -41,7 +41,7 @@ def save_annotated_video(
         on_frame: called with the time of every frame, seconds; what it raises ends the work and leaves no file.
 
     Raises:
-        InputError: the recording has no video, or see :func:`avssl_pyro.viz.video_writer.open_video`.
+        InputError: the recording has no video, or see :func:`avssl_pyro.io.video_writer.open_video`.
         OSError: the file cannot be written; nothing is left behind.
     """
     video = recording.video

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.viz.png import write_png
+from avssl_pyro.io.png import write_png
 
 NUM_COLUMNS = 3
 RAW_COLOR, MEAN_COLOR = "#9bb7d4", "#0b3c6f"

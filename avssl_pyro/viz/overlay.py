@@ -17,7 +17,7 @@ from avssl_pyro.inference.localization import LocalizedSource, ScenePosterior
 from avssl_pyro.viz.activation import blend, mute, resize_circular, strength_maps
 from avssl_pyro.viz.canvas import MIN_WIDTH, Box, BoxSize, Canvas, place_boxes
 from avssl_pyro.viz.palette import OKABE_ITO, Color, color_of, ink_on
-from avssl_pyro.viz.png import save_png
+from avssl_pyro.io.png import save_png
 
 DPI = 100
 # A class that is no source is shown faintly if it looks at one place (largest weight) where no source is (radians).

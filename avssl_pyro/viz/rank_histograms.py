@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.viz.png import write_png
+from avssl_pyro.io.png import write_png
 
 FITS, DIFFERS, BAND = "#0b3c6f", "#d55e00", "0.88"
 LEAST_P = 0.01

@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.viz.png import write_png
+from avssl_pyro.io.png import write_png
 
 COLORS = ("#0b3c6f", "#d55e00", "#009e73", "#cc79a7")
 STYLES = ("-", "--", "-.", ":")

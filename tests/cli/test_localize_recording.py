@@ -14,9 +14,9 @@ import soundfile
 
 from avssl_pyro.cli import localize_recording
 from avssl_pyro.cli.localize import main
-from avssl_pyro.data.dcase import read_dcase
+from avssl_pyro.io.dcase import read_dcase
 from avssl_pyro.interruption import StopRequest
-from avssl_pyro.viz.video_writer import open_video
+from avssl_pyro.io.video_writer import open_video
 
 ROWS, COLUMNS, FRAME_RATE, SECONDS = 160, 320, 10.0, 3
 ALL_CLASSES = ("--thresholds.peak", "0", "--thresholds.level", "0")

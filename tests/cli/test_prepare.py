@@ -21,7 +21,7 @@ from avssl_pyro.data.dataset import SceneDataset
 from avssl_pyro.data.starss import list_starss
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.viz.video_writer import open_video
+from avssl_pyro.io.video_writer import open_video
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "prepare.py"
 

@@ -10,7 +10,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.clip import SAMPLE_RATE, Clip
-from avssl_pyro.data.dcase import azimuths_by_frame
+from avssl_pyro.io.dcase import azimuths_by_frame
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.simulation.figures import ProceduralPerson

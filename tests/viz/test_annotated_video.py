@@ -9,14 +9,14 @@ import pytest
 import soundfile
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.audio_file import AudioFile
+from avssl_pyro.io.audio_stream import AudioFile
 from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.video_file import VideoFile
+from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.timeline import Moment, NamedSource, Timeline
 from avssl_pyro.viz.annotated_video import save_annotated_video, stereo_pair
 from avssl_pyro.viz.palette import OKABE_ITO
-from avssl_pyro.viz.video_writer import open_video
+from avssl_pyro.io.video_writer import open_video
 
 ROWS, COLUMNS, FRAME_RATE, SECONDS = 480, 960, 12.5, 2.0
 ARRAY = PRESETS["circle4"]

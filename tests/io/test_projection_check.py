@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from avssl_pyro.data.fisheye import check_equirectangular, count_fisheyes
+from avssl_pyro.io.projection_check import check_equirectangular, count_fisheyes
 from avssl_pyro.errors import InputError
 
 RNG = np.random.default_rng(0)

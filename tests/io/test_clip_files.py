@@ -9,7 +9,7 @@ import soundfile
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.data.channel_map import matching_channels
-from avssl_pyro.data.files import read_audio
+from avssl_pyro.io.clip_files import read_audio
 from avssl_pyro.errors import InputError
 
 PAIR = MicrophoneArray("pair", ((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)), channels=(4, 2))
