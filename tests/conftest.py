@@ -13,8 +13,8 @@ import torch
 from hypothesis import settings
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.generation import generate
-from avssl_pyro.data.scene_plan import plan_scenes
+from avssl_pyro.datasets.generation import generate
+from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.simulation.scenes import SceneSimulator
 
 NUM_SCENES = 10

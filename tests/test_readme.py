@@ -32,9 +32,9 @@ from avssl_pyro.cli import (
     track_benchmark,
     train,
 )
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.generation import generate
-from avssl_pyro.data.scene_plan import plan_scenes
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.generation import generate
+from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
 from avssl_pyro.simulation.layout import SceneConfig

@@ -28,11 +28,11 @@ from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.batch import collate_clips
 from avssl_pyro.clip import CLIP_SAMPLES, IMAGE_COLUMNS, IMAGE_ROWS, Clip
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.generation import generate
-from avssl_pyro.data.loader import make_loader
-from avssl_pyro.data.sampling import WindowShuffleSampler
-from avssl_pyro.data.scene_plan import plan_scenes
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.generation import generate
+from avssl_pyro.datasets.loader import make_loader
+from avssl_pyro.datasets.sampling import WindowShuffleSampler
+from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.distributions.profiled_gaussian import component_log_likelihood, observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import default_baselines

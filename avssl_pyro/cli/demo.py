@@ -9,8 +9,8 @@ import tyro
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
 from avssl_pyro.cli.gallery import overlay_of, refining_localizer
 from avssl_pyro.cli.train import PRESETS, train_with
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.default_scenes import TEST, default_dataset
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.builtin import TEST, default_dataset
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig

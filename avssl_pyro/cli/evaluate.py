@@ -11,9 +11,9 @@ import tyro
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.tables import make_tables
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.default_scenes import TEST, VALIDATION, Split, default_dataset
-from avssl_pyro.data.labeled_scenes import LabeledScenes
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split, default_dataset
+from avssl_pyro.datasets.labeled_scenes import LabeledScenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ
 from avssl_pyro.evaluation.experiment import run_methods, score_runs

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import tyro
 
 from avssl_pyro.cli.chosen_system import choose_system
-from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.localization import REFINED_THRESHOLDS, select_sources

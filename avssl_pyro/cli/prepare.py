@@ -12,7 +12,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.placement import PlacementOptions
 from avssl_pyro.io.dcase import DcaseRow
-from avssl_pyro.data.generation import SCENES_PER_SHARD
+from avssl_pyro.datasets.generation import SCENES_PER_SHARD
 from avssl_pyro.data.preparation import CuttingConfig, Prepared, prepare
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.data.recording_list import (

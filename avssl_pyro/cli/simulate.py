@@ -13,11 +13,11 @@ import tyro
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.material import MaterialOptions
 from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.encoding import LabeledScene
-from avssl_pyro.data.generation import SCENES_PER_SHARD, generate
-from avssl_pyro.data.scene_plan import plan_scenes
-from avssl_pyro.data.verification import verify
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.encoding import LabeledScene
+from avssl_pyro.datasets.generation import SCENES_PER_SHARD, generate
+from avssl_pyro.datasets.scene_plan import plan_scenes
+from avssl_pyro.datasets.verification import verify
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.default_scenes import TEST, VALIDATION, Split
-from avssl_pyro.data.labeled_scenes import LabeledScenes
+from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split
+from avssl_pyro.datasets.labeled_scenes import LabeledScenes
 from avssl_pyro.evaluation.cell import Cell, run_cell
 from avssl_pyro.evaluation.cell_store import CellStore
 from avssl_pyro.evaluation.cell_tables import roc_curves

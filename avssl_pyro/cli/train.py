@@ -16,8 +16,8 @@ from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.first_look import given
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.default_scenes import TRAIN, default_dataset
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.builtin import TRAIN, default_dataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.divergence import TrainingDivergedError

@@ -1,7 +1,7 @@
 """From recordings to shards to train on: the loudest clips, chosen in one pass and cut out in a second.
 
 The choice is kept in ``selection.json``, so that a command that was killed does not listen to everything again; the
-shards are made as simulated ones are (see :mod:`avssl_pyro.data.generation`).
+shards are made as simulated ones are (see :mod:`avssl_pyro.datasets.generation`).
 """
 
 import json
@@ -15,8 +15,8 @@ from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.io.dcase import DcaseRow, labels_between
 from avssl_pyro.data.excerpts import read_excerpts
 from avssl_pyro.io.clip_files import check_channels
-from avssl_pyro.data.generation import SCENES_PER_SHARD, GenerationPlan, generate
-from avssl_pyro.data.manifest import Manifest, first_difference, read_json, to_json
+from avssl_pyro.datasets.generation import SCENES_PER_SHARD, GenerationPlan, generate
+from avssl_pyro.datasets.manifest import Manifest, first_difference, read_json, to_json
 from avssl_pyro.data.recording import Recording
 from avssl_pyro.data.split import NoSplit, Splitter
 from avssl_pyro.data.survey import Place, Survey, survey

@@ -10,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from avssl_pyro.clip import IMAGE_MAX_ELEVATION_DEG, SAMPLE_RATE, Clip
-from avssl_pyro.data.encoding import LabeledScene
+from avssl_pyro.datasets.encoding import LabeledScene
 
 TALKER_COLORS = ("#ffb000", "#00e0ff", "#ff5fa2", "#8cff66")
 SILENT_COLOR = "#ffffff"

@@ -13,7 +13,7 @@ import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.doctor import main
-from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
 

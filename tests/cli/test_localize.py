@@ -13,7 +13,7 @@ from scipy.signal import resample_poly
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.localize import main, parse
-from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import SceneDataset
 
 ARRAY = PRESETS["circle4"]
 

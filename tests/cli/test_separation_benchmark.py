@@ -12,7 +12,7 @@ import soundfile
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import localize, separation_benchmark
-from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import SceneDataset
 
 PAGE = (Path(__file__).parents[2] / "docs" / "separation.md").read_text(encoding="utf-8")
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from avssl_pyro.cli.simulate import SimulateOptions, main
-from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.layout import CONDITIONS
 

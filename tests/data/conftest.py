@@ -10,7 +10,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from fake_simulator import FakeSimulator, fake_plan
 
-from avssl_pyro.data.generation import GenerationPlan, generate
+from avssl_pyro.datasets.generation import GenerationPlan, generate
 
 
 @pytest.fixture

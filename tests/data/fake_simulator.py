@@ -11,7 +11,7 @@ import numpy as np
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_ROWS, Clip, SceneLabels
-from avssl_pyro.data.generation import GenerationPlan
+from avssl_pyro.datasets.generation import GenerationPlan
 
 
 @dataclass(frozen=True)

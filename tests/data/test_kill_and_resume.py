@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from fake_simulator import FakeSimulator, fake_plan
 
-from avssl_pyro.data.generation import generate
-from avssl_pyro.data.verification import verify
+from avssl_pyro.datasets.generation import generate
+from avssl_pyro.datasets.verification import verify
 
 # Forking after the imports makes a start cost milliseconds, so that kills fall on the work and not on the imports.
 STARTER = """
@@ -21,7 +21,7 @@ import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from fake_simulator import FakeSimulator, fake_plan
-from avssl_pyro.data.generation import generate
+from avssl_pyro.datasets.generation import generate
 
 def die_at(call, before):
     calls = 0

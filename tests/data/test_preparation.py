@@ -7,7 +7,7 @@ import pytest
 from recorded import frame_number, stretch_frame, write_noise, write_video
 
 from avssl_pyro.acoustics.presets import PRESETS, uniform_circle
-from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.data.preparation import CuttingConfig, Prepared, prepare
 from avssl_pyro.data.recording import AudioFile, Recording, VideoFile
 from avssl_pyro.data.split import ByRecording, ByTime

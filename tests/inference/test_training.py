@@ -16,7 +16,7 @@ import torch
 from lightning_fabric import Fabric
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.divergence import TrainingDivergedError
@@ -210,7 +210,7 @@ from pathlib import Path
 import torch
 from lightning_fabric import Fabric
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.inference.checkpoint import save_checkpoint
 from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
 from avssl_pyro.inference.training import OptimizationConfig, train

@@ -1,8 +1,8 @@
 """A dataset that is made when it is first asked for."""
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.generation import GenerationPlan, generate
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.generation import GenerationPlan, generate
 
 
 def ensure_dataset(

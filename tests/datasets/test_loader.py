@@ -6,10 +6,10 @@ import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.batch import ClipBatch
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.generation import GenerationPlan
-from avssl_pyro.data.loader import make_loader
-from avssl_pyro.data.sampling import WindowShuffleSampler
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.generation import GenerationPlan
+from avssl_pyro.datasets.loader import make_loader
+from avssl_pyro.datasets.sampling import WindowShuffleSampler
 from avssl_pyro.errors import InputError
 
 MakeScenes = Callable[..., GenerationPlan]

@@ -12,7 +12,7 @@ from torch.utils.data import Dataset
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.data.channel_map import matching_channels
 from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.data.encoding import (
+from avssl_pyro.datasets.encoding import (
     AUDIO_EXTENSIONS,
     FACTS_EXTENSION,
     FLAC_MAX_CHANNELS,
@@ -21,8 +21,8 @@ from avssl_pyro.data.encoding import (
     decode_facts,
     decode_image,
 )
-from avssl_pyro.data.manifest import to_json
-from avssl_pyro.data.shard_reader import ShardReader
+from avssl_pyro.datasets.manifest import to_json
+from avssl_pyro.datasets.shard_reader import ShardReader
 from avssl_pyro.errors import InputError
 
 

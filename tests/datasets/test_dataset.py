@@ -12,8 +12,8 @@ import pytest
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS, uniform_circle
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.generation import GenerationPlan
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.generation import GenerationPlan
 from avssl_pyro.errors import InputError
 
 MakeScenes = Callable[..., GenerationPlan]

@@ -5,8 +5,8 @@ from collections import OrderedDict
 from pathlib import Path
 from typing import Any
 
-from avssl_pyro.data.manifest import Manifest
-from avssl_pyro.data.shards import SceneEntry, index_shard, shard_problem
+from avssl_pyro.datasets.manifest import Manifest
+from avssl_pyro.datasets.shards import SceneEntry, index_shard, shard_problem
 from avssl_pyro.errors import InputError
 
 _MAX_OPEN_SHARDS = 64

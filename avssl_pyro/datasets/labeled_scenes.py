@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.data.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import SceneDataset
 
 
 class LabeledScenes(Sequence[tuple[Clip, SceneLabels]]):

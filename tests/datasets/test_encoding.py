@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from avssl_pyro.acoustics.presets import uniform_circle
 from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.data.encoding import decode_audio, decode_facts, decode_image, encode_scene
+from avssl_pyro.datasets.encoding import decode_audio, decode_facts, decode_image, encode_scene
 from avssl_pyro.errors import InputError
 
 SCENE = FakeSimulator().render(0)

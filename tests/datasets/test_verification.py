@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from fake_simulator import FakeSimulator, fake_plan
 
-from avssl_pyro.data.generation import GenerationPlan, generate
-from avssl_pyro.data.verification import verify
+from avssl_pyro.datasets.generation import GenerationPlan, generate
+from avssl_pyro.datasets.verification import verify
 
 
 def test_sound_scenes_have_no_problems(make_scenes: Callable[..., GenerationPlan]) -> None:

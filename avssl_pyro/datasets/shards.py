@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from avssl_pyro.data.encoding import Scene, encode_scene
-from avssl_pyro.data.manifest import ShardRecord
+from avssl_pyro.datasets.encoding import Scene, encode_scene
+from avssl_pyro.datasets.manifest import ShardRecord
 from avssl_pyro.errors import InputError
 
 _BLOCK_BYTES = 1 << 20

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.cache import ensure_dataset
-from avssl_pyro.data.generation import generate
-from avssl_pyro.data.scene_plan import material_identity, plan_scenes
+from avssl_pyro.datasets.cache import ensure_dataset
+from avssl_pyro.datasets.generation import generate
+from avssl_pyro.datasets.scene_plan import material_identity, plan_scenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.layout import ALL_SPEAK, SceneConfig
 from avssl_pyro.simulation.people import PeopleFolder

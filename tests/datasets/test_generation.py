@@ -13,9 +13,9 @@ import pytest
 from fake_simulator import FakeSimulator, fake_plan
 
 from avssl_pyro.acoustics.presets import PRESETS, uniform_circle
-from avssl_pyro.data.cache import ensure_dataset
-from avssl_pyro.data.generation import GenerationPlan, generate
-from avssl_pyro.data.verification import verify
+from avssl_pyro.datasets.cache import ensure_dataset
+from avssl_pyro.datasets.generation import GenerationPlan, generate
+from avssl_pyro.datasets.verification import verify
 from avssl_pyro.errors import InputError
 
 MakeScenes = Callable[..., GenerationPlan]

@@ -23,9 +23,9 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import remove_temporaries, write_atomically
-from avssl_pyro.data.encoding import Scene
-from avssl_pyro.data.folder_lock import sole_writer
-from avssl_pyro.data.manifest import (
+from avssl_pyro.datasets.encoding import Scene
+from avssl_pyro.datasets.folder_lock import sole_writer
+from avssl_pyro.datasets.manifest import (
     MANIFEST_NAME,
     DatasetSpec,
     Manifest,
@@ -35,7 +35,7 @@ from avssl_pyro.data.manifest import (
     shard_name,
     to_json,
 )
-from avssl_pyro.data.shards import build_shard, shard_problem
+from avssl_pyro.datasets.shards import build_shard, shard_problem
 from avssl_pyro.errors import InputError
 
 GENERATION_NAME = "generation.json"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from avssl_pyro.data.manifest import Manifest
-from avssl_pyro.data.shards import shard_problem
+from avssl_pyro.datasets.manifest import Manifest
+from avssl_pyro.datasets.shards import shard_problem
 from avssl_pyro.errors import InputError
 
 

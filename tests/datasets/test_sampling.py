@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avssl_pyro.data.sampling import WindowShuffleSampler
+from avssl_pyro.datasets.sampling import WindowShuffleSampler
 from avssl_pyro.errors import InputError
 
 shard_sizes = st.lists(st.integers(1, 12), min_size=1, max_size=12).map(tuple)

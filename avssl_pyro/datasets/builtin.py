@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.cache import ensure_dataset
+from avssl_pyro.datasets.cache import ensure_dataset
 from avssl_pyro.data.channel_map import matching_channels
-from avssl_pyro.data.dataset import SceneDataset
-from avssl_pyro.data.scene_plan import plan_scenes
+from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator

@@ -5,7 +5,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from avssl_pyro.data.generation import SCENES_PER_SHARD, GenerationPlan
+from avssl_pyro.datasets.generation import SCENES_PER_SHARD, GenerationPlan
 from avssl_pyro.simulation.panoramas import PanoramaSource
 from avssl_pyro.simulation.people import PersonSource
 from avssl_pyro.simulation.scenes import SceneSimulator

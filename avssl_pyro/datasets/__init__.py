@@ -1,0 +1,1 @@
+"""Clips on disk: shards, their readers and the order of training."""
