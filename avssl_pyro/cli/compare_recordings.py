@@ -14,7 +14,7 @@ from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.train import PRESETS
 from avssl_pyro.clip import Clip
 from avssl_pyro.io.clip_files import read_audio
-from avssl_pyro.data.labeled_recordings import LabeledRecording, read_labeled_recordings
+from avssl_pyro.recordings.labeled_recordings import LabeledRecording, read_labeled_recordings
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, default_baselines
 from avssl_pyro.evaluation.methods import plain_and_tuned

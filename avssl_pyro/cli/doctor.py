@@ -18,9 +18,9 @@ from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.placement import PlacementOptions
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.data.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
+from avssl_pyro.recordings.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
 from avssl_pyro.io.clip_files import check_channels, read_image
-from avssl_pyro.data.recording import AudioFile, Recording, VideoFile
+from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.checkpoint import load_checkpoint
 from avssl_pyro.inference.diagnosis.camera import AS_IT_IS, check_camera

@@ -15,9 +15,9 @@ from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.command import EXIT_INTERRUPTED
 from avssl_pyro.cli.placement import PlacementOptions
 from avssl_pyro.io.dcase import write_dcase
-from avssl_pyro.data.excerpts import read_excerpts
-from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.recording_list import RecordingFiles
+from avssl_pyro.recordings.excerpts import read_excerpts
+from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.recordings.discovery import RecordingFiles
 from avssl_pyro.errors import InputError
 from avssl_pyro.interruption import StopRequest
 from avssl_pyro.inference.localization import SourceThresholds

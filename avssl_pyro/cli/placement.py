@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.recording_list import Placement
+from avssl_pyro.recordings.discovery import Placement
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,16 @@ from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.placement import PlacementOptions
 from avssl_pyro.io.dcase import DcaseRow
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD
-from avssl_pyro.data.preparation import CuttingConfig, Prepared, prepare
-from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.recording_list import (
+from avssl_pyro.recordings.preparation import CuttingConfig, Prepared, prepare
+from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.recordings.discovery import (
     RecordingFiles,
     read_recording_list,
     recordings_in_folder,
     unique_names,
 )
-from avssl_pyro.data.split import ByRecording, ByTime, NoSplit, Splitter
-from avssl_pyro.data.starss import list_starss
+from avssl_pyro.recordings.split import ByRecording, ByTime, NoSplit, Splitter
+from avssl_pyro.recordings.starss23 import list_starss
 from avssl_pyro.errors import InputError
 
 

@@ -11,7 +11,7 @@ from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.io.audio_stream import AudioFile
 from avssl_pyro.io.dcase import FRAME_S, DcaseRow, read_dcase
 from avssl_pyro.io.clip_files import check_channels
-from avssl_pyro.data.recording import Recording
+from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.label_scores import azimuths_of_frames, score_table
 from avssl_pyro.evaluation.metrics import Azimuths

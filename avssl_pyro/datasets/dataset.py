@@ -10,7 +10,7 @@ import numpy as np
 from torch.utils.data import Dataset
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.channel_map import matching_channels
+from avssl_pyro.acoustics.compatibility import matching_channels
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.datasets.encoding import (
     AUDIO_EXTENSIONS,

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.data.recording import Recording
+from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.timeline import Timeline
 from avssl_pyro.viz.frame_annotator import AnnotationStyle, FrameAnnotator

@@ -8,7 +8,7 @@ import soundfile
 from avssl_pyro.cli import prepare
 from avssl_pyro.cli.simulate_recording import main
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.data.starss import list_starss
+from avssl_pyro.recordings.starss23 import list_starss
 
 SMALL = ["--seconds", "4", "--width", "288", "--frame-rate", "5", "--seed", "7"]
 

@@ -8,7 +8,7 @@ import soundfile
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.channel_map import matching_channels
+from avssl_pyro.acoustics.compatibility import matching_channels
 from avssl_pyro.io.clip_files import read_audio
 from avssl_pyro.errors import InputError
 

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.data.excerpts import Excerpts
+from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity, channels
 
 CHECK = "clipping"

@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 
-from avssl_pyro.data.excerpts import Excerpts
+from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity, channels
 
 CHECK = "duplicates"

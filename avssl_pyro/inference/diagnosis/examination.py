@@ -3,7 +3,7 @@
 import numpy as np
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.data.excerpts import Excerpts
+from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.diagnosis.array_match import check_array_match
 from avssl_pyro.inference.diagnosis.clipping import check_clipping

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.data.excerpts import Excerpts
+from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity, channels
 
 DEAD_DB = -40.0

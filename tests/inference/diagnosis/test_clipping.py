@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avssl_pyro.data.excerpts import Excerpts
+from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.inference.diagnosis.clipping import check_clipping, clipped_runs
 from avssl_pyro.inference.diagnosis.finding import Severity
 

@@ -10,9 +10,9 @@ import pytest
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.data.channel_map import matching_channels
+from avssl_pyro.acoustics.compatibility import matching_channels
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.data.excerpts import Excerpts
+from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.errors import InputError
 from avssl_pyro.inference.diagnosis.examination import examine
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity

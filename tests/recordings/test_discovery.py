@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from recorded import write_noise, write_video
 
-from avssl_pyro.data.recording_list import (
+from avssl_pyro.recordings.discovery import (
     Placement,
     read_recording_list,
     recordings_in_folder,

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from avssl_pyro.data.recording import Recording
+from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.io.video_reader import MAX_FRAME_AGE_S
 from avssl_pyro.errors import InputError
 

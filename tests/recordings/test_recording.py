@@ -8,7 +8,7 @@ import soundfile
 from recorded import FPS, frame_number, stretch_frame, write_frames, write_noise, write_video
 from scipy.signal import resample_poly
 
-from avssl_pyro.data.recording import AudioFile, Recording, VideoFile
+from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
 from avssl_pyro.errors import InputError
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from avssl_pyro.io.audio_stream import AudioFile
 from avssl_pyro.io.csv_table import CsvLine, read_csv_table
-from avssl_pyro.data.recording import Recording
+from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.errors import InputError
 

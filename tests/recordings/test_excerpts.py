@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avssl_pyro.clip import Clip
-from avssl_pyro.data.excerpts import Excerpts, evenly, read_excerpts
+from avssl_pyro.recordings.excerpts import Excerpts, evenly, read_excerpts
 from avssl_pyro.errors import InputError
 
 

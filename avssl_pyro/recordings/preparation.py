@@ -13,13 +13,13 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.io.dcase import DcaseRow, labels_between
-from avssl_pyro.data.excerpts import read_excerpts
+from avssl_pyro.recordings.excerpts import read_excerpts
 from avssl_pyro.io.clip_files import check_channels
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD, GenerationPlan, generate
 from avssl_pyro.datasets.manifest import Manifest, first_difference, read_json, to_json
-from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.split import NoSplit, Splitter
-from avssl_pyro.data.survey import Place, Survey, survey
+from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.recordings.split import NoSplit, Splitter
+from avssl_pyro.recordings.candidates import Place, Survey, survey
 from avssl_pyro.errors import InputError
 
 SELECTION_NAME = "selection.json"

@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
-from avssl_pyro.data.recording import Recording
-from avssl_pyro.data.survey import Place
+from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.recordings.candidates import Place
 from avssl_pyro.errors import InputError
 
 Parts = dict[str, tuple[Place, ...]]

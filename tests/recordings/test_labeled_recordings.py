@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from avssl_pyro.data.labeled_recordings import LabeledRecording, read_labeled_recordings
+from avssl_pyro.recordings.labeled_recordings import LabeledRecording, read_labeled_recordings
 from avssl_pyro.errors import InputError
 
 

@@ -1,1 +1,0 @@
-"""Clips, shards and their readers."""
