@@ -35,8 +35,8 @@ from avssl_pyro.cli import (
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.generation import generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
-from avssl_pyro.inference.checkpoint import save_checkpoint
-from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.systems.checkpoint import save_checkpoint
+from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
 from avssl_pyro.simulation.layout import SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 

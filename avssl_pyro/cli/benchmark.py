@@ -42,8 +42,8 @@ from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.closed_form import kl_dirichlet, kl_log_normal
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.memory import keep_freed_memory
-from avssl_pyro.inference.pretrained import load_pretrained
-from avssl_pyro.inference.system import System, SystemConfig, build_system
+from avssl_pyro.systems.pretrained import load_pretrained
+from avssl_pyro.systems.system import System, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO
 from avssl_pyro.simulation.scenes import SceneSimulator
 

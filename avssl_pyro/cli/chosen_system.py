@@ -6,10 +6,10 @@ from pathlib import Path
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.pretrained import load_pretrained
-from avssl_pyro.inference.system import System
-from avssl_pyro.inference.trained_array import check_array
+from avssl_pyro.systems.checkpoint import load_checkpoint
+from avssl_pyro.systems.pretrained import load_pretrained
+from avssl_pyro.systems.system import System
+from avssl_pyro.systems.trained_array import check_array
 
 
 def choose_system(

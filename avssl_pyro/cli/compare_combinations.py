@@ -20,8 +20,8 @@ from avssl_pyro.datasets.labeled_scenes import LabeledScenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.combinations import ELBO_DRAWS, PER_SCENE, RECIPES, CombinationRow, Recipe, run_recipe
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.checkpoint import fingerprint
-from avssl_pyro.inference.pretrained import MOST_GENERAL
+from avssl_pyro.systems.checkpoint import fingerprint
+from avssl_pyro.systems.pretrained import MOST_GENERAL
 
 # Counted up when the same facts lead to other numbers.
 FORMAT = 2

@@ -21,7 +21,7 @@ from avssl_pyro.inference.elbo_comparison import (
     mean_field_differences,
     sampled_agreement,
 )
-from avssl_pyro.inference.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
 from avssl_pyro.simulation.scenes import SceneSimulator
 
 MAX_STANDARD_ERRORS = 4.0

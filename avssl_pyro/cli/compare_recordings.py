@@ -26,7 +26,7 @@ from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.by_ear import localizer_by_ear
 from avssl_pyro.inference.localization import SourceThresholds
-from avssl_pyro.inference.system import SystemConfig, build_system
+from avssl_pyro.systems.system import SystemConfig, build_system
 
 OURS = "audio-only refined"
 NOTES = (

@@ -20,9 +20,9 @@ from avssl_pyro.evaluation.experiment import run_methods, score_runs
 from avssl_pyro.evaluation.line_up import LineUp, system_band_hz
 from avssl_pyro.evaluation.report import print_table, write_report
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.pretrained import MOST_GENERAL, SHIPPED, load_shipped
-from avssl_pyro.inference.system import System
+from avssl_pyro.systems.checkpoint import load_checkpoint
+from avssl_pyro.systems.pretrained import MOST_GENERAL, SHIPPED, load_shipped
+from avssl_pyro.systems.system import System
 
 
 @dataclass(frozen=True)

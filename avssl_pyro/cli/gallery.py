@@ -15,8 +15,8 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.localization import REFINED_THRESHOLDS, select_sources
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.pretrained import MOST_GENERAL
-from avssl_pyro.inference.system import System
+from avssl_pyro.systems.pretrained import MOST_GENERAL
+from avssl_pyro.systems.system import System
 from avssl_pyro.viz.overlay import draw_overlay
 from avssl_pyro.io.png import save_png
 

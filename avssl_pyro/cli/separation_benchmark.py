@@ -26,7 +26,7 @@ from avssl_pyro.inference.beamforming import Masking, Mvdr
 from avssl_pyro.inference.localization import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.separation import SeparationConfig, Separator
-from avssl_pyro.inference.system import System
+from avssl_pyro.systems.system import System
 from avssl_pyro.simulation.layout import SOME_SILENT, Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 

@@ -8,9 +8,9 @@ from avssl_pyro.evaluation.methods import Method
 from avssl_pyro.evaluation.posterior_method import SOURCE_SETTINGS, PosteriorMethod
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.by_ear import localizer_by_ear, without_picture
-from avssl_pyro.inference.checkpoint import fingerprint
+from avssl_pyro.systems.checkpoint import fingerprint
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.system import System
+from avssl_pyro.systems.system import System
 
 
 def system_band_hz(system: System) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import torch
 from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.system import System
+from avssl_pyro.systems.system import System
 
 
 def without_picture(refinement: RefinementConfig) -> RefinementConfig:

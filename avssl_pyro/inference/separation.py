@@ -14,7 +14,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.inference.beamforming import Extraction, WienerFilter
 from avssl_pyro.inference.localization import LocalizedSource, ScenePosterior
 from avssl_pyro.inference.source_masks import fitted_masks, masks_of_sources, posterior_masks
-from avssl_pyro.inference.system import SystemConfig
+from avssl_pyro.systems.system import SystemConfig
 
 
 @dataclass(frozen=True)

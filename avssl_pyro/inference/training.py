@@ -26,12 +26,12 @@ from avssl_pyro.datasets.sampling import WindowShuffleSampler
 from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.inference.checkpoint import save_checkpoint
+from avssl_pyro.systems.checkpoint import save_checkpoint
 from avssl_pyro.inference.divergence import diverged_gradient, diverged_loss
 from avssl_pyro.interruption import StopRequest
 from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss
 from avssl_pyro.inference.reporting import Reporter
-from avssl_pyro.inference.system import System
+from avssl_pyro.systems.system import System
 from avssl_pyro.inference.terms import ElboTerms, RecordingMeanFieldELBO, RecordsTerms
 from avssl_pyro.inference.training_state import TrainingState
 

@@ -8,7 +8,7 @@ import torch
 
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.system import System
+from avssl_pyro.systems.system import System
 
 STATE_NAME = "training_state.pt"
 

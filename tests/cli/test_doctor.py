@@ -14,8 +14,8 @@ import torch
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.doctor import main
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.inference.checkpoint import save_checkpoint
-from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.systems.checkpoint import save_checkpoint
+from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
 
 ARRAY = PRESETS["circle4"]
 

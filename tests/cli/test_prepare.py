@@ -20,7 +20,7 @@ from avssl_pyro.cli.train import main as train
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.recordings.starss23 import list_starss
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.io.video_writer import open_video
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "prepare.py"

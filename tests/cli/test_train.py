@@ -11,8 +11,8 @@ import torch
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.train import main, parse
-from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.pretrained import load_shipped
+from avssl_pyro.systems.checkpoint import load_checkpoint
+from avssl_pyro.systems.pretrained import load_shipped
 from avssl_pyro.inference.training import CHECKPOINT_NAME
 
 SMALL = ["--guide.visual-channels", "4", "8", "--guide.audio-channels", "8", "--optimization.batch-size", "4"]

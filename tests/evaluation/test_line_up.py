@@ -10,7 +10,7 @@ from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.evaluation.line_up import LineUp, system_band_hz
 from avssl_pyro.evaluation.tables import METHOD_ORDER
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.system import GuideConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
 
 
 def small_system(audio_net: bool = True) -> System:

@@ -15,7 +15,7 @@ from avssl_pyro.inference.beamforming import Masking, WienerFilter
 from avssl_pyro.inference.localization import ScenePosterior, SourceThresholds
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.inference.separation import Separator
-from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
 from avssl_pyro.simulation.layout import Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 

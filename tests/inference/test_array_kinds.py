@@ -18,9 +18,9 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.checkpoint import load_checkpoint, save_checkpoint
+from avssl_pyro.systems.checkpoint import load_checkpoint, save_checkpoint
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.system import GuideConfig, ModelConfig, SystemConfig, build_system
+from avssl_pyro.systems.system import GuideConfig, ModelConfig, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingMeanFieldELBO
 from avssl_pyro.simulation.scenes import SceneSimulator
 
@@ -106,7 +106,7 @@ def test_a_checkpoint_without_its_measured_responses_is_damaged(
         )
     )
     path = tmp_path / "mine.safetensors"
-    monkeypatch.setattr("avssl_pyro.inference.checkpoint._stored_responses", lambda _: {})
+    monkeypatch.setattr("avssl_pyro.systems.checkpoint._stored_responses", lambda _: {})
     save_checkpoint(path, system)
     with pytest.raises(InputError, match=r"mine\.safetensors: the measured responses .* missing or damaged"):
         load_checkpoint(path)

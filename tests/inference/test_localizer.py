@@ -12,7 +12,7 @@ from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.inference.localization import ScenePosterior
 from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
 
 K, D = 3, 36
 CONFIG = SystemConfig(

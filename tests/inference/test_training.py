@@ -18,11 +18,11 @@ from lightning_fabric import Fabric
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.checkpoint import load_checkpoint
+from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.inference.divergence import TrainingDivergedError
 from avssl_pyro.inference.refined_targets import TargetConfig
 from avssl_pyro.inference.reporting import read_log
-from avssl_pyro.inference.system import GuideConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
 from avssl_pyro.inference.terms import RecordingTraceELBO
 from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, train
 
@@ -211,8 +211,8 @@ import torch
 from lightning_fabric import Fabric
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.inference.checkpoint import save_checkpoint
-from avssl_pyro.inference.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.systems.checkpoint import save_checkpoint
+from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
 from avssl_pyro.inference.training import OptimizationConfig, train
 
 folder, out, batch_size = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])

@@ -8,7 +8,7 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.inference.diagnosis.finding import Finding, Severity
 from avssl_pyro.inference.diagnosis.geometry import is_mirror_blind
 from avssl_pyro.inference.diagnosis.orientation import Orientation, OrientationSearch, Turn
-from avssl_pyro.inference.system import System
+from avssl_pyro.systems.system import System
 
 CHECK = "camera"
 AS_IT_IS = Turn(mirror=False, yaw_deg=0.0)

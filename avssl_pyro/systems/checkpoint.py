@@ -23,7 +23,7 @@ from avssl_pyro.acoustics.measured import MeasuredResponses
 from avssl_pyro.acoustics.steering_kinds import MeasuredKind
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.system import System, SystemConfig, build_system
+from avssl_pyro.systems.system import System, SystemConfig, build_system
 
 FORMAT = "avssl-checkpoint/1"
 # Where measured responses stand among the tensors.

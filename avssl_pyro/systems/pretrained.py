@@ -6,9 +6,9 @@ from importlib.resources import as_file, files
 import numpy as np
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.inference.checkpoint import load_checkpoint
-from avssl_pyro.inference.system import System, build_system
-from avssl_pyro.inference.trained_array import SAME_PLACE_M
+from avssl_pyro.systems.checkpoint import load_checkpoint
+from avssl_pyro.systems.system import System, build_system
+from avssl_pyro.systems.trained_array import SAME_PLACE_M
 
 # By the array they were trained with.
 SHIPPED = ("circle2", "circle4", "circle6")

@@ -15,14 +15,14 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.checkpoint import (
+from avssl_pyro.systems.checkpoint import (
     config_from_dict,
     config_to_dict,
     fingerprint,
     load_checkpoint,
     save_checkpoint,
 )
-from avssl_pyro.inference.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
 
 CONFIG = SystemConfig(
     PRESETS["circle2"],

@@ -5,8 +5,8 @@ import pytest
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.system import GuideConfig, System, SystemConfig, build_system
-from avssl_pyro.inference.trained_array import check_array
+from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.trained_array import check_array
 
 ARRAY = PRESETS["circle4"]
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.system import System
+from avssl_pyro.systems.system import System
 
 SAME_PLACE_M = 1e-3
 

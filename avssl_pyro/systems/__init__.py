@@ -1,0 +1,1 @@
+"""An array, a model, a guide and weights that belong together."""
