@@ -20,15 +20,15 @@ from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.builtin import TRAIN, default_dataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.inference.divergence import TrainingDivergedError
-from avssl_pyro.inference.memory import keep_freed_memory
+from avssl_pyro.training.divergence import TrainingDivergedError
+from avssl_pyro.training.process import keep_freed_memory
 from avssl_pyro.systems.pretrained import MOST_GENERAL, SHIPPED, load_shipped
-from avssl_pyro.inference.refined_targets import TargetConfig
-from avssl_pyro.inference.reporting import read_log
+from avssl_pyro.training.distillation import TargetConfig
+from avssl_pyro.training.metrics_logger import read_log
 from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
-from avssl_pyro.inference.terms import RecordingMeanFieldELBO, RecordingTraceELBO
-from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, train
-from avssl_pyro.inference.training_state import STATE_NAME
+from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO, RecordingTraceELBO
+from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig, train
+from avssl_pyro.training.state import STATE_NAME
 from avssl_pyro.viz.curves import save_curves
 
 ESTIMATORS = {"mean-field": RecordingMeanFieldELBO, "trace": RecordingTraceELBO}

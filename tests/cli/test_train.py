@@ -13,7 +13,7 @@ from avssl_pyro.cli.command import run
 from avssl_pyro.cli.train import main, parse
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.pretrained import load_shipped
-from avssl_pyro.inference.training import CHECKPOINT_NAME
+from avssl_pyro.training.svi import CHECKPOINT_NAME
 
 SMALL = ["--guide.visual-channels", "4", "8", "--guide.audio-channels", "8", "--optimization.batch-size", "4"]
 FAST = [*SMALL, "--optimization.epochs", "1", "--optimization.num-workers", "0", "--optimization.log-every", "1"]

@@ -21,7 +21,7 @@ from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.systems.checkpoint import load_checkpoint, save_checkpoint
 from avssl_pyro.inference.localizer import Localizer
 from avssl_pyro.systems.system import GuideConfig, ModelConfig, SystemConfig, build_system
-from avssl_pyro.inference.terms import RecordingMeanFieldELBO
+from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO
 from avssl_pyro.simulation.scenes import SceneSimulator
 
 GRID = DirectionGrid(36)

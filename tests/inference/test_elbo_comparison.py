@@ -31,7 +31,7 @@ from avssl_pyro.inference.elbo_comparison import (
     sampled_agreement,
 )
 from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
-from avssl_pyro.inference.terms import RecordingMeanFieldELBO, RecordingTraceELBO, has_analytic_kl
+from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO, RecordingTraceELBO, has_analytic_kl
 from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 

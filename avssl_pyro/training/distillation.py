@@ -20,7 +20,7 @@ from avssl_pyro.distributions.ascent import MixturePoint
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.model_ascent import check_ascent, model_ascent
-from avssl_pyro.inference.terms import RecordsTerms
+from avssl_pyro.training.elbo_terms import RecordsTerms
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 # Close to the common overrelaxation of 2, and safe for a fixed number of rounds.

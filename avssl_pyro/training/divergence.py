@@ -4,7 +4,7 @@ import torch
 from torch import Tensor, nn
 
 from avssl_pyro.batch import ClipBatch
-from avssl_pyro.inference.terms import ElboTerms
+from avssl_pyro.training.elbo_terms import ElboTerms
 
 
 class TrainingDivergedError(RuntimeError):

@@ -27,13 +27,13 @@ from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood,
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.systems.checkpoint import save_checkpoint
-from avssl_pyro.inference.divergence import diverged_gradient, diverged_loss
+from avssl_pyro.training.divergence import diverged_gradient, diverged_loss
 from avssl_pyro.interruption import StopRequest
-from avssl_pyro.inference.refined_targets import TargetConfig, TaughtLoss
-from avssl_pyro.inference.reporting import Reporter
+from avssl_pyro.training.distillation import TargetConfig, TaughtLoss
+from avssl_pyro.training.metrics_logger import Reporter
 from avssl_pyro.systems.system import System
-from avssl_pyro.inference.terms import ElboTerms, RecordingMeanFieldELBO, RecordsTerms
-from avssl_pyro.inference.training_state import TrainingState
+from avssl_pyro.training.elbo_terms import ElboTerms, RecordingMeanFieldELBO, RecordsTerms
+from avssl_pyro.training.state import TrainingState
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 _RAISED = f"{InputError.__module__}.{InputError.__name__}: "

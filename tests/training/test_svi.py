@@ -19,12 +19,12 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.inference.divergence import TrainingDivergedError
-from avssl_pyro.inference.refined_targets import TargetConfig
-from avssl_pyro.inference.reporting import read_log
+from avssl_pyro.training.divergence import TrainingDivergedError
+from avssl_pyro.training.distillation import TargetConfig
+from avssl_pyro.training.metrics_logger import read_log
 from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
-from avssl_pyro.inference.terms import RecordingTraceELBO
-from avssl_pyro.inference.training import CHECKPOINT_NAME, OptimizationConfig, train
+from avssl_pyro.training.elbo_terms import RecordingTraceELBO
+from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig, train
 
 SMALL = GuideConfig(visual_channels=(4, 8), audio_channels=8)
 CONFIG = OptimizationConfig(epochs=2, batch_size=2, warmup_steps=2, num_workers=0, log_every=1)
@@ -213,7 +213,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.systems.checkpoint import save_checkpoint
 from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
-from avssl_pyro.inference.training import OptimizationConfig, train
+from avssl_pyro.training.svi import OptimizationConfig, train
 
 folder, out, batch_size = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
 fabric = Fabric(accelerator="cpu", devices=int(sys.argv[4]))
