@@ -24,8 +24,8 @@ from avssl_pyro.evaluation.posterior_method import PosteriorMethod
 from avssl_pyro.evaluation.recording_comparison import NEAR_DEG, comparison_tables
 from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.by_ear import localizer_by_ear
-from avssl_pyro.inference.localization import SourceThresholds
+from avssl_pyro.localization.audio_only import localizer_by_ear
+from avssl_pyro.localization.posterior import SourceThresholds
 from avssl_pyro.systems.system import SystemConfig, build_system
 
 OURS = "audio-only refined"

@@ -12,7 +12,7 @@ from avssl_pyro.cli.train import PRESETS, train_with
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.builtin import TEST, default_dataset
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig
 from avssl_pyro.io.png import save_png
 

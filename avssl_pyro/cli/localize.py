@@ -21,15 +21,15 @@ from avssl_pyro.io.clip_files import read_clip
 from avssl_pyro.io.separated_sound import write_separated
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.localization import (
+from avssl_pyro.localization.posterior import (
     ONE_PASS_THRESHOLDS,
     REFINED_THRESHOLDS,
     SourceThresholds,
     select_sources,
 )
-from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.result import result_dict
-from avssl_pyro.inference.separation import Separator
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.results import result_dict
+from avssl_pyro.separation.separator import Separator
 from avssl_pyro.viz.overlay import save_overlay
 
 

@@ -20,12 +20,12 @@ from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.recordings.discovery import RecordingFiles
 from avssl_pyro.errors import InputError
 from avssl_pyro.interruption import StopRequest
-from avssl_pyro.inference.localization import SourceThresholds
-from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.recording_result import dcase_rows, json_lines
-from avssl_pyro.inference.streaming import detect
-from avssl_pyro.inference.timeline import Timeline, timeline_of_tracks, timeline_of_windows
-from avssl_pyro.inference.tracking import WindowDetections, track
+from avssl_pyro.localization.posterior import SourceThresholds
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.tracking.results import dcase_rows, json_lines
+from avssl_pyro.tracking.window_stream import detect
+from avssl_pyro.tracking.timeline import Timeline, timeline_of_tracks, timeline_of_windows
+from avssl_pyro.tracking.tracker import WindowDetections, track
 from avssl_pyro.viz.annotated_video import save_annotated_video
 from avssl_pyro.io.video_writer import check_video_name, has_encoder
 

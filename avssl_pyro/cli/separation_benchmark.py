@@ -22,10 +22,10 @@ from avssl_pyro.evaluation.separation_methods import (
 )
 from avssl_pyro.evaluation.separation_table import separation_table
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.beamforming import Masking, Mvdr
-from avssl_pyro.inference.localization import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
-from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.separation import SeparationConfig, Separator
+from avssl_pyro.separation.beamforming import Masking, Mvdr
+from avssl_pyro.localization.posterior import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.separation.separator import SeparationConfig, Separator
 from avssl_pyro.systems.system import System
 from avssl_pyro.simulation.layout import SOME_SILENT, Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator

@@ -17,9 +17,9 @@ from avssl_pyro.evaluation.simulated_detections import DetectorConfig
 from avssl_pyro.evaluation.tracking_experiment import SimulatedRecordings, compare
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.by_ear import localizer_by_ear
+from avssl_pyro.localization.audio_only import localizer_by_ear
 from avssl_pyro.systems.system import ModelConfig, SystemConfig, build_system
-from avssl_pyro.inference.tracking import TrackingConfig
+from avssl_pyro.tracking.tracker import TrackingConfig
 from avssl_pyro.simulation.moving_audio import MovingAudioConfig
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig
 

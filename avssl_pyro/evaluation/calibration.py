@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.evaluation.matching import Matching, angular_errors, gate_then_assign
-from avssl_pyro.inference.localization import LocalizedSource
+from avssl_pyro.localization.posterior import LocalizedSource
 
 # Shares of a normal distribution within one and two standard deviations.
 ONE_STD, TWO_STD = 0.6827, 0.9545

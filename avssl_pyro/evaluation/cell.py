@@ -13,7 +13,7 @@ from avssl_pyro.evaluation.experiment import MethodRun, Observations, Runs, Scen
 from avssl_pyro.evaluation.methods import Method, Tuned
 from avssl_pyro.evaluation.posterior_method import PosteriorMethod
 from avssl_pyro.evaluation.talking import levels_of
-from avssl_pyro.inference.localization import SourceThresholds, select_sources
+from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 
 BELIEVERS = ("amortized", "refined")
 

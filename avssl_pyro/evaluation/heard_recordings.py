@@ -8,9 +8,9 @@ import numpy.typing as npt
 
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.evaluation.tracking_experiment import Recording
-from avssl_pyro.inference.localization import SourceThresholds, select_sources
-from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.tracking import WindowDetections
+from avssl_pyro.localization.posterior import SourceThresholds, select_sources
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.tracking.tracker import WindowDetections
 from avssl_pyro.simulation.moving_audio import MovingAudioConfig, render_moving
 from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
 

@@ -7,9 +7,9 @@ from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, PEAK_SETTINGS, defa
 from avssl_pyro.evaluation.methods import Method
 from avssl_pyro.evaluation.posterior_method import SOURCE_SETTINGS, PosteriorMethod
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.by_ear import localizer_by_ear, without_picture
+from avssl_pyro.localization.audio_only import localizer_by_ear, without_picture
 from avssl_pyro.systems.checkpoint import fingerprint
-from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.system import System
 
 

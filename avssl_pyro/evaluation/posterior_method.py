@@ -9,7 +9,7 @@ import numpy as np
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import Clip
 from avssl_pyro.evaluation.metrics import Azimuths
-from avssl_pyro.inference.localization import ScenePosterior, SourceThresholds, select_sources
+from avssl_pyro.localization.posterior import ScenePosterior, SourceThresholds, select_sources
 
 LEVELS = (0.01, 0.02, 0.04, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25)
 PEAKS = (0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)

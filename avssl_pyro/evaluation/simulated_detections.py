@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.inference.localization import LocalizedSource
-from avssl_pyro.inference.tracking import WindowDetections
+from avssl_pyro.localization.posterior import LocalizedSource
+from avssl_pyro.tracking.tracker import WindowDetections
 from avssl_pyro.simulation.moving_talkers import MovingTalkers
 
 

@@ -8,7 +8,7 @@ from scipy.stats import rankdata
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.evaluation.matching import angular_errors
-from avssl_pyro.inference.localization import ScenePosterior, peak_azimuth
+from avssl_pyro.localization.posterior import ScenePosterior, peak_azimuth
 
 # A person with no source class this close has level 0.
 WITHIN_DEG = 15.0

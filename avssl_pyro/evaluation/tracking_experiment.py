@@ -8,8 +8,8 @@ import numpy as np
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.evaluation.simulated_detections import DetectorConfig, detect
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores, tracking_scores
-from avssl_pyro.inference.live_tracking import LiveTracker
-from avssl_pyro.inference.tracking import TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
+from avssl_pyro.tracking.online import LiveTracker
+from avssl_pyro.tracking.tracker import TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig, draw_moving_talkers
 
 Windows = Sequence[WindowDetections]

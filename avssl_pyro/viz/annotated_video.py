@@ -10,7 +10,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.timeline import Timeline
+from avssl_pyro.tracking.timeline import Timeline
 from avssl_pyro.viz.frame_annotator import AnnotationStyle, FrameAnnotator
 from avssl_pyro.io.video_writer import SoundTrack, open_video
 

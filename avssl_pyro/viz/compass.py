@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.inference.timeline import MAX_TURN, NamedSource, Timeline
+from avssl_pyro.tracking.timeline import MAX_TURN, NamedSource, Timeline
 from avssl_pyro.viz.canvas import Canvas
 from avssl_pyro.viz.palette import Color
 from avssl_pyro.viz.stamp import Lettering

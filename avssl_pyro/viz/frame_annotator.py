@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.inference.timeline import NamedSource, Timeline
+from avssl_pyro.tracking.timeline import NamedSource, Timeline
 from avssl_pyro.viz.canvas import BoxSize, Canvas, place_boxes
 from avssl_pyro.viz.compass import CompassStrip
 from avssl_pyro.viz.palette import Color, ink_on

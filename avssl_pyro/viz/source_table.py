@@ -7,7 +7,7 @@ from rich import box
 from rich.table import Table
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.inference.localization import LocalizedSource
+from avssl_pyro.localization.posterior import LocalizedSource
 
 
 def source_table(answers: Mapping[str, Sequence[LocalizedSource]], talkers: Sequence[float] = ()) -> Table:

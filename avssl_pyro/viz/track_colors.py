@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from avssl_pyro.inference.timeline import Timeline
+from avssl_pyro.tracking.timeline import Timeline
 from avssl_pyro.viz.palette import OKABE_ITO, Color
 
 

@@ -14,7 +14,7 @@ from avssl_pyro.evaluation.calibration import (
     match_spreads,
     reliability,
 )
-from avssl_pyro.inference.localization import LocalizedSource
+from avssl_pyro.localization.posterior import LocalizedSource
 
 NOTHING = SpreadErrors(np.empty(0), np.empty(0))
 

@@ -14,7 +14,7 @@ from avssl_pyro.evaluation.cell_tables import calibrations, coverage_table, roc_
 from avssl_pyro.evaluation.experiment_report import score_cells
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.evaluation.posterior_method import PosteriorMethod
-from avssl_pyro.inference.localization import ScenePosterior
+from avssl_pyro.localization.posterior import ScenePosterior
 
 GRID = DirectionGrid()
 IMAGE = np.zeros((88, 288, 3), dtype=np.uint8)

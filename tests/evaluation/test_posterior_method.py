@@ -4,7 +4,7 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import Clip
 from avssl_pyro.evaluation.methods import tune
 from avssl_pyro.evaluation.posterior_method import PosteriorMethod
-from avssl_pyro.inference.localization import ScenePosterior
+from avssl_pyro.localization.posterior import ScenePosterior
 
 GRID = DirectionGrid()
 IMAGE = np.zeros((88, 288, 3), dtype=np.uint8)

@@ -11,10 +11,10 @@ from avssl_pyro.evaluation.separation_experiment import UNPROCESSED, Improvement
 from avssl_pyro.evaluation.separation_methods import DelayAndSumAtTruth, Estimates, OracleMasks, PosteriorSeparation
 from avssl_pyro.evaluation.separation_table import lead, separation_table
 from avssl_pyro.evaluation.talker_mixtures import TalkerMixture, draw_mixture
-from avssl_pyro.inference.beamforming import Masking, WienerFilter
-from avssl_pyro.inference.localization import ScenePosterior, SourceThresholds
-from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.separation import Separator
+from avssl_pyro.separation.beamforming import Masking, WienerFilter
+from avssl_pyro.localization.posterior import ScenePosterior, SourceThresholds
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.separation.separator import Separator
 from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
 from avssl_pyro.simulation.layout import Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.evaluation.talking import levels_of, roc_curve
-from avssl_pyro.inference.localization import ScenePosterior
+from avssl_pyro.localization.posterior import ScenePosterior
 
 GRID = DirectionGrid()
 LEVELS = st.lists(st.sampled_from([0.0, 0.1, 0.2, 0.5, 0.9]), min_size=1, max_size=12)

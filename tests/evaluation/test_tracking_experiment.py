@@ -4,8 +4,8 @@ import pytest
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.evaluation.simulated_detections import DetectorConfig, detect
 from avssl_pyro.evaluation.tracking_experiment import SimulatedRecordings, alone, compare, nearest
-from avssl_pyro.inference.localization import LocalizedSource
-from avssl_pyro.inference.tracking import TrackingConfig, WindowDetections
+from avssl_pyro.localization.posterior import LocalizedSource
+from avssl_pyro.tracking.tracker import TrackingConfig, WindowDetections
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig, draw_moving_talkers
 
 TOLERANCE = float(np.deg2rad(10))

@@ -19,7 +19,7 @@ from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.systems.checkpoint import load_checkpoint, save_checkpoint
-from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.system import GuideConfig, ModelConfig, SystemConfig, build_system
 from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO
 from avssl_pyro.simulation.scenes import SceneSimulator

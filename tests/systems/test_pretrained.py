@@ -11,8 +11,8 @@ from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
 from avssl_pyro.evaluation.matching import gate_then_assign
 from avssl_pyro.evaluation.metrics import evaluate
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.localization import REFINED_THRESHOLDS, select_sources
-from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.localization.posterior import REFINED_THRESHOLDS, select_sources
+from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.pretrained import SHIPPED, load_pretrained
 from avssl_pyro.simulation.scenes import SceneSimulator
 

@@ -13,7 +13,7 @@ from avssl_pyro.io.audio_stream import AudioFile
 from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.timeline import Moment, NamedSource, Timeline
+from avssl_pyro.tracking.timeline import Moment, NamedSource, Timeline
 from avssl_pyro.viz.annotated_video import save_annotated_video, stereo_pair
 from avssl_pyro.viz.palette import OKABE_ITO
 from avssl_pyro.io.video_writer import open_video

@@ -7,7 +7,7 @@ import pytest
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import SceneLabels
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.localization import LocalizedSource, ScenePosterior
+from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
 from avssl_pyro.viz.circle import Circle, draw_circles, draw_patterns
 
 GRID = DirectionGrid()

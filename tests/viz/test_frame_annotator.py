@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from avssl_pyro.inference.timeline import Moment, NamedSource, Timeline
+from avssl_pyro.tracking.timeline import Moment, NamedSource, Timeline
 from avssl_pyro.viz.frame_annotator import AnnotationStyle, FrameAnnotator, time_code
 from avssl_pyro.viz.palette import OKABE_ITO
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.inference.localization import LocalizedSource, ScenePosterior
+from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
 from avssl_pyro.viz.overlay import draw_overlay, save_overlay
 from avssl_pyro.viz.palette import OKABE_ITO
 

@@ -3,7 +3,7 @@ import io
 import numpy as np
 from rich.console import Console
 
-from avssl_pyro.inference.localization import LocalizedSource
+from avssl_pyro.localization.posterior import LocalizedSource
 from avssl_pyro.viz.source_table import source_table
 
 

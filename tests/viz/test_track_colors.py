@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from avssl_pyro.inference.timeline import Moment, NamedSource, Timeline
+from avssl_pyro.tracking.timeline import Moment, NamedSource, Timeline
 from avssl_pyro.viz.palette import OKABE_ITO
 from avssl_pyro.viz.track_colors import track_colors
 

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.inference.track_chain import Array, Belief, Step, newborn, observe, predict
-from avssl_pyro.models.detection import DetectionModel
-from avssl_pyro.models.track_prior import TrackPrior, TrackTables
+from avssl_pyro.tracking.hmm_filter import Array, Belief, Step, newborn, observe, predict
+from avssl_pyro.models.tracking.detection import DetectionModel
+from avssl_pyro.models.tracking.motion import TrackPrior, TrackTables
 
 # A source that is less likely than this to be there is given up.
 LEAST_PRESENCE = 1e-3

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.live_tracking import LiveTracker
-from avssl_pyro.inference.localization import LocalizedSource
-from avssl_pyro.inference.track_bank import BankConfig
-from avssl_pyro.inference.tracking import Track, TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
+from avssl_pyro.tracking.online import LiveTracker
+from avssl_pyro.localization.posterior import LocalizedSource
+from avssl_pyro.tracking.multi_target import BankConfig
+from avssl_pyro.tracking.tracker import Track, TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
 
 STEP_S = 0.1
 Path = Callable[[float], float]

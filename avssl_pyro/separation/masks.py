@@ -12,7 +12,7 @@ from torch import Tensor
 from avssl_pyro.acoustics.covariance import inverse_and_logdet, matrix_from_features
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, quadratic_form
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
-from avssl_pyro.inference.localization import LocalizedSource, ScenePosterior
+from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
 
 # Of the mean eigenvalue, added to free covariances: a class of few bins has none of full rank.
 LOADING = 1e-4

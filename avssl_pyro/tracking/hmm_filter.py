@@ -1,4 +1,4 @@
-"""Forward-backward for one source's track: what :mod:`avssl_pyro.models.source_track` enumerates, as array products."""
+"""Forward-backward for one source's track: what :mod:`avssl_pyro.models.tracking.hmm` enumerates, as array products."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.models.track_prior import MOTION_SIGNS, TrackTables
+from avssl_pyro.models.tracking.motion import MOTION_SIGNS, TrackTables
 
 Array = npt.NDArray[np.float64]
 SILENT, SOUNDING = 0, 1

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.errors import InputError
-from avssl_pyro.models.detection import DetectionModel
+from avssl_pyro.models.tracking.detection import DetectionModel
 
 MODEL = DetectionModel(found=0.8, clutter=0.3)
 GRID = DirectionGrid(36)

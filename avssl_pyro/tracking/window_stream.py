@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 
 from avssl_pyro.clip import Clip
-from avssl_pyro.inference.localization import SourceThresholds, select_sources
-from avssl_pyro.inference.localizer import Localizer
-from avssl_pyro.inference.tracking import WindowDetections
+from avssl_pyro.localization.posterior import SourceThresholds, select_sources
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.tracking.tracker import WindowDetections
 
 
 def detect(

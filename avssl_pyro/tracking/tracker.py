@@ -8,11 +8,11 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.localization import LocalizedSource
-from avssl_pyro.inference.track_bank import BankConfig, Chain, TrackBank
-from avssl_pyro.inference.track_chain import smooth
-from avssl_pyro.models.detection import DetectionModel
-from avssl_pyro.models.track_prior import TrackPrior
+from avssl_pyro.localization.posterior import LocalizedSource
+from avssl_pyro.tracking.multi_target import BankConfig, Chain, TrackBank
+from avssl_pyro.tracking.hmm_filter import smooth
+from avssl_pyro.models.tracking.detection import DetectionModel
+from avssl_pyro.models.tracking.motion import TrackPrior
 
 Array = npt.NDArray[np.float64]
 Columns = tuple[Array, Array, Array, Array, Array, Array]

@@ -11,9 +11,9 @@ from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.acoustics.stft import StftConfig, istft, stft
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.beamforming import Extraction, WienerFilter
-from avssl_pyro.inference.localization import LocalizedSource, ScenePosterior
-from avssl_pyro.inference.source_masks import fitted_masks, masks_of_sources, posterior_masks
+from avssl_pyro.separation.beamforming import Extraction, WienerFilter
+from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
+from avssl_pyro.separation.masks import fitted_masks, masks_of_sources, posterior_masks
 from avssl_pyro.systems.system import SystemConfig
 
 

@@ -6,7 +6,7 @@ import torch
 
 from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.system import System
 
 
@@ -26,7 +26,7 @@ def localizer_by_ear(
     Args:
         system: its networks are not asked.
         refinement: as with the picture; see :func:`without_picture`.
-        device, pause_db: as of :class:`avssl_pyro.inference.localizer.Localizer`.
+        device, pause_db: as of :class:`avssl_pyro.localization.localizer.Localizer`.
     """
     start = BlindStart(system.config.model.num_sources, system.config.grid)
     return Localizer(system, device, refinement=without_picture(refinement), start=start, pause_db=pause_db)

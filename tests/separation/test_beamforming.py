@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.inference.beamforming import Extraction, Masking, Mvdr, WienerFilter, delay_and_sum
+from avssl_pyro.separation.beamforming import Extraction, Masking, Mvdr, WienerFilter, delay_and_sum
 
 F, M, T = 5, 4, 60
 WAYS: list[Extraction] = [WienerFilter(), Mvdr(), Masking()]

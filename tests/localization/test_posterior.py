@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.localization import (
+from avssl_pyro.localization.posterior import (
     LocalizedSource,
     ScenePosterior,
     SourceThresholds,

@@ -28,7 +28,7 @@ from pyro.ops.indexing import Vindex
 from pyro.poutine.runtime import InferDict
 from torch import Tensor
 
-from avssl_pyro.models.track_prior import TrackTables
+from avssl_pyro.models.tracking.motion import TrackTables
 
 PARALLEL: InferDict = {"enumerate": "parallel"}
 

@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 from pyro.infer import infer_discrete
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.inference.track_chain import log_evidence as chain_log_evidence
-from avssl_pyro.inference.track_chain import newborn, observe, predict, smooth
-from avssl_pyro.models.source_track import SourceTrack, log_evidence
-from avssl_pyro.models.track_prior import MOTION_SIGNS, TrackPrior, TrackTables, move_kernel
+from avssl_pyro.tracking.hmm_filter import log_evidence as chain_log_evidence
+from avssl_pyro.tracking.hmm_filter import newborn, observe, predict, smooth
+from avssl_pyro.models.tracking.hmm import SourceTrack, log_evidence
+from avssl_pyro.models.tracking.motion import MOTION_SIGNS, TrackPrior, TrackTables, move_kernel
 
 Array = npt.NDArray[np.float64]
 # Restless enough that every transition matters within three windows.

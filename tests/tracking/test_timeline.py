@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.inference.timeline import Moment, NamedSource, Timeline
+from avssl_pyro.tracking.timeline import Moment, NamedSource, Timeline
 
 
 def source(name: int, azimuth_deg: float, level: float = 0.3) -> NamedSource:

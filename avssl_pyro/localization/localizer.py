@@ -14,7 +14,7 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.directions import DirectionStart, GuideParameters, PosteriorGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.inference.localization import ScenePosterior
+from avssl_pyro.localization.posterior import ScenePosterior
 from avssl_pyro.systems.system import System
 
 DIRECTION_DRAWS = 64

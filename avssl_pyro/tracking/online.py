@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.track_bank import Chain
-from avssl_pyro.inference.track_chain import smooth
-from avssl_pyro.inference.tracking import (
+from avssl_pyro.tracking.multi_target import Chain
+from avssl_pyro.tracking.hmm_filter import smooth
+from avssl_pyro.tracking.tracker import (
     TrackedSource,
     TrackingConfig,
     WindowDetections,
@@ -27,7 +27,7 @@ class _Voice:
 
 
 class LiveTracker:
-    """The online form of :func:`avssl_pyro.inference.tracking.track`, with a fixed lag.
+    """The online form of :func:`avssl_pyro.tracking.tracker.track`, with a fixed lag.
 
     Memory and time per window do not grow with the length of the recording.
 

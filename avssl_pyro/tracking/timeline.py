@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.inference.tracking import Track, WindowDetections, tracked_sources
+from avssl_pyro.tracking.tracker import Track, WindowDetections, tracked_sources
 
 # Faster than anybody walks around a robot between two windows: one name, two places (radians).
 MAX_TURN = np.deg2rad(30.0)
@@ -110,7 +110,7 @@ def timeline_of_tracks(
 
     Args:
         windows: what was tracked.
-        tracks: what :func:`avssl_pyro.inference.tracking.track` made of it.
+        tracks: what :func:`avssl_pyro.tracking.tracker.track` made of it.
     """
     moments = tuple(
         Moment(window.time_s, tuple(NamedSource(s.track_id, s.azimuth, s.azimuth_std, s.level) for s in sources))

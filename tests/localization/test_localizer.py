@@ -10,8 +10,8 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.localization import ScenePosterior
-from avssl_pyro.inference.localizer import Localizer
+from avssl_pyro.localization.posterior import ScenePosterior
+from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
 
 K, D = 3, 36

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from avssl_pyro.io.dcase import FRAME_S, DcaseRow
-from avssl_pyro.inference.timeline import Moment, Timeline
+from avssl_pyro.tracking.timeline import Moment, Timeline
 
 FORMAT = "avssl-window/1"
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.inference.localization import LocalizedSource, ScenePosterior
+from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
 
 FORMAT = "avssl-result/1"
 

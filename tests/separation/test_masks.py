@@ -9,8 +9,8 @@ from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig, stft
 from avssl_pyro.distributions.profiled_gaussian import observe
-from avssl_pyro.inference.localization import LocalizedSource
-from avssl_pyro.inference.source_masks import fitted_masks, masks_of_sources, posterior_masks
+from avssl_pyro.localization.posterior import LocalizedSource
+from avssl_pyro.separation.masks import fitted_masks, masks_of_sources, posterior_masks
 
 ARRAY = PRESETS["circle4"]
 STFT = StftConfig(window=512, hop=256)

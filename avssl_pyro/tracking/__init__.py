@@ -1,0 +1,1 @@
+"""Sources over time: from windows to tracks."""
