@@ -23,12 +23,12 @@ from avssl_pyro.io.clip_files import check_channels, read_image
 from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.inference.diagnosis.camera import AS_IT_IS, check_camera
-from avssl_pyro.inference.diagnosis.durations import check_durations
-from avssl_pyro.inference.diagnosis.examination import examine
-from avssl_pyro.inference.diagnosis.finding import Finding, Severity
-from avssl_pyro.inference.diagnosis.lag import check_lag, picture_change, sound_energy
-from avssl_pyro.inference.diagnosis.orientation import Turn
+from avssl_pyro.diagnosis.camera import AS_IT_IS, check_camera
+from avssl_pyro.diagnosis.durations import check_durations
+from avssl_pyro.diagnosis.examination import examine
+from avssl_pyro.diagnosis.finding import Finding, Severity
+from avssl_pyro.diagnosis.lag import check_lag, picture_change, sound_energy
+from avssl_pyro.diagnosis.orientation import Turn
 from avssl_pyro.systems.pretrained import load_pretrained
 from avssl_pyro.systems.system import System
 from avssl_pyro.systems.trained_array import check_array

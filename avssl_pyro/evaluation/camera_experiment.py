@@ -7,8 +7,8 @@ import numpy as np
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.io.clip_files import fit_image
-from avssl_pyro.inference.diagnosis.camera import judge, orientation_search
-from avssl_pyro.inference.diagnosis.finding import Severity
+from avssl_pyro.diagnosis.camera import judge, orientation_search
+from avssl_pyro.diagnosis.finding import Severity
 from avssl_pyro.systems.system import System
 from avssl_pyro.simulation.film import Camera
 from avssl_pyro.simulation.recordings import RecordingSimulator

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.inference.diagnosis.array_fit import ArrayFit, FitConfig, Residual
-from avssl_pyro.inference.diagnosis.finding import Finding, Severity, channels
-from avssl_pyro.inference.diagnosis.geometry import exchange_classes
-from avssl_pyro.inference.diagnosis.pair_delays import PairDelays, longest_delays
-from avssl_pyro.inference.diagnosis.repairs import (
+from avssl_pyro.diagnosis.array_fit import ArrayFit, FitConfig, Residual
+from avssl_pyro.diagnosis.finding import Finding, Severity, channels
+from avssl_pyro.diagnosis.geometry import exchange_classes
+from avssl_pyro.diagnosis.pair_delays import PairDelays, longest_delays
+from avssl_pyro.diagnosis.repairs import (
     Audio,
     Delay,
     Exchange,

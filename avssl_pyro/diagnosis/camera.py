@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.clip import Clip
-from avssl_pyro.inference.diagnosis.finding import Finding, Severity
-from avssl_pyro.inference.diagnosis.geometry import is_mirror_blind
-from avssl_pyro.inference.diagnosis.orientation import Orientation, OrientationSearch, Turn
+from avssl_pyro.diagnosis.finding import Finding, Severity
+from avssl_pyro.diagnosis.geometry import is_mirror_blind
+from avssl_pyro.diagnosis.orientation import Orientation, OrientationSearch, Turn
 from avssl_pyro.systems.system import System
 
 CHECK = "camera"

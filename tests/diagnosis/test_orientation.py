@@ -12,9 +12,9 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.clip import Clip
-from avssl_pyro.inference.diagnosis.camera import judge
-from avssl_pyro.inference.diagnosis.finding import Severity
-from avssl_pyro.inference.diagnosis.orientation import Orientation, OrientationSearch, Turn, conclude, turn_picture
+from avssl_pyro.diagnosis.camera import judge
+from avssl_pyro.diagnosis.finding import Severity
+from avssl_pyro.diagnosis.orientation import Orientation, OrientationSearch, Turn, conclude, turn_picture
 
 ARRAY, CONFIG, NUM_CLIPS, NUM_SAMPLES = PRESETS["circle4"], StftConfig(), 6, 6400
 

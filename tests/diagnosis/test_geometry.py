@@ -8,8 +8,8 @@ from scipy.spatial.distance import pdist
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.inference.diagnosis.finding import Severity
-from avssl_pyro.inference.diagnosis.geometry import (
+from avssl_pyro.diagnosis.finding import Severity
+from avssl_pyro.diagnosis.geometry import (
     aliasing_limit_hz,
     check_geometry,
     exchange_classes,

@@ -2,7 +2,7 @@
 
 from itertools import permutations
 
-from avssl_pyro.inference.diagnosis.finding import Finding, Severity
+from avssl_pyro.diagnosis.finding import Finding, Severity
 
 CHECK = "durations"
 COMMON_RATES = (8_000, 16_000, 22_050, 24_000, 32_000, 44_100, 48_000, 96_000)

@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.inference.diagnosis.finding import Finding, Severity, listed
+from avssl_pyro.diagnosis.finding import Finding, Severity, listed
 
 CHECK = "geometry"
 # Relative to the array's extent, and at least this many metres: thinner than that counts as flat.

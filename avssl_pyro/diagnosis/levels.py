@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.recordings.excerpts import Excerpts
-from avssl_pyro.inference.diagnosis.finding import Finding, Severity, channels
+from avssl_pyro.diagnosis.finding import Finding, Severity, channels
 
 DEAD_DB = -40.0
 UNEQUAL_DB = 6.0

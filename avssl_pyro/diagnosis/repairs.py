@@ -11,7 +11,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.diagnosis.finding import Severity, channels
+from avssl_pyro.diagnosis.finding import Severity, channels
 
 Audio = npt.NDArray[np.float32]
 

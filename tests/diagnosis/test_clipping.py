@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from avssl_pyro.recordings.excerpts import Excerpts
-from avssl_pyro.inference.diagnosis.clipping import check_clipping, clipped_runs
-from avssl_pyro.inference.diagnosis.finding import Severity
+from avssl_pyro.diagnosis.clipping import check_clipping, clipped_runs
+from avssl_pyro.diagnosis.finding import Severity
 
 
 @settings(max_examples=25, deadline=None)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.inference.diagnosis.finding import Finding, Severity
+from avssl_pyro.diagnosis.finding import Finding, Severity
 
 CHECK = "audio-video offset"
 RATE = 50.0
