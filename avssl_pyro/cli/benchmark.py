@@ -39,7 +39,7 @@ from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.line_up import system_band_hz
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.inference.closed_form import kl_dirichlet, kl_log_normal
+from avssl_pyro.criticism.closed_form import kl_dirichlet, kl_log_normal
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.training.process import keep_freed_memory
 from avssl_pyro.systems.pretrained import load_pretrained

@@ -15,7 +15,7 @@ from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.batch import collate_clips
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.elbo_comparison import (
+from avssl_pyro.criticism.elbo_comparison import (
     Difference,
     explicit_mask_differences,
     mean_field_differences,

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.evaluation.simulation_based_calibration import Sampler
+from avssl_pyro.criticism.sbc import Sampler
 from avssl_pyro.guides.blind_start import BlindStart
 from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig

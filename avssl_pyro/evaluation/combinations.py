@@ -20,7 +20,7 @@ from avssl_pyro.guides.directions import GuideParameters
 from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide
 from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.scene_families import LowRank, MeanField
-from avssl_pyro.inference.combination import Combination, sampled_elbo
+from avssl_pyro.criticism.compatibility import Combination, sampled_elbo
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.system import System
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, Likelihood, ProfiledGaussian

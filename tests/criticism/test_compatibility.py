@@ -21,7 +21,7 @@ from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.guides.scene_families import LowRank, MeanField
 from avssl_pyro.guides.unconstrained import log_normal_and_dirichlet
 from avssl_pyro.guides.uniform_levels import UniformLevelGuide
-from avssl_pyro.inference.combination import Combination
+from avssl_pyro.criticism.compatibility import Combination
 from avssl_pyro.training.elbo_terms import has_analytic_kl
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, ProfiledGaussian

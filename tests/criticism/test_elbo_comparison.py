@@ -24,7 +24,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig, stft
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.inference import closed_form
-from avssl_pyro.inference.elbo_comparison import (
+from avssl_pyro.criticism.elbo_comparison import (
     Difference,
     explicit_mask_differences,
     mean_field_differences,

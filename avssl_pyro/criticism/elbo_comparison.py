@@ -10,7 +10,7 @@ from pyro.infer import TraceEnum_ELBO
 from torch import Tensor
 
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.inference.closed_form import ClosedFormTerms, closed_form_terms
+from avssl_pyro.criticism.closed_form import ClosedFormTerms, closed_form_terms
 from avssl_pyro.systems.system import System
 from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO, RecordingTraceELBO
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM

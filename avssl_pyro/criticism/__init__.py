@@ -1,0 +1,1 @@
+"""Is the posterior right? Closed forms, calibration and predictive checks."""
