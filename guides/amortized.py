@@ -7,7 +7,7 @@ import pyro.distributions as dist
 import torch
 from torch import Tensor, nn
 
-from avssl_pyro.guides.directions import DirectionGuide, GuideParameters
+from avssl_pyro.guides.base import DirectionGuide, GuideParameters
 from avssl_pyro.networks.audio import AudioNet
 from avssl_pyro.networks.visual import VisualNet
 

@@ -3,8 +3,8 @@
 A single forward pass knows what such pictures and recordings have in common; a few rounds of closed-form ascent of the
 posterior fit the one at hand. The visual network says where to start and, if wanted, gives a prior that keeps the
 picture in. All classes start at equal levels: one that starts quiet stays so, and a talker it alone looks at is lost.
-The standard deviations of log w come from the expected information, see :mod:`avssl_pyro.distributions.ascent`. Priors
-and likelihood are the model's, see :mod:`avssl_pyro.guides.model_ascent` for those that can be swapped.
+The standard deviations of log w come from the expected information, see :mod:`avssl_pyro.distributions.map_em`. Priors
+and likelihood are the model's, see :mod:`avssl_pyro.guides.conjugacy` for those that can be swapped.
 """
 
 from dataclasses import dataclass
@@ -14,12 +14,12 @@ import torch.nn.functional as F
 from pyro.nn import PyroModule
 from torch import Tensor
 
-from avssl_pyro.distributions.ascent import MixtureAscent, MixturePoint
+from avssl_pyro.distributions.map_em import MixtureAscent, MixturePoint
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
-from avssl_pyro.guides.directions import DirectionStart, GuideParameters
-from avssl_pyro.guides.fitted import FittedPosterior
-from avssl_pyro.guides.model_ascent import check_ascent, model_ascent
+from avssl_pyro.guides.base import DirectionStart, GuideParameters
+from avssl_pyro.guides.fixed import FittedPosterior
+from avssl_pyro.guides.conjugacy import check_ascent, model_ascent
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 # Twice the closed-form step, until it overshoots for the first time.

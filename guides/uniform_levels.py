@@ -5,7 +5,7 @@ import pyro.distributions as dist
 import torch
 from torch import Tensor
 
-from avssl_pyro.guides.directions import DirectionGuide, GuideParameters
+from avssl_pyro.guides.base import DirectionGuide, GuideParameters
 
 
 class UniformLevelGuide(DirectionGuide):

@@ -12,7 +12,7 @@ from pyro.distributions import TorchDistribution
 from torch import Tensor
 
 from avssl_pyro.distributions.activity_mixture import ActivityMixture
-from avssl_pyro.distributions.ascent import Tail
+from avssl_pyro.distributions.map_em import Tail
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.distributions.student_mixture import StudentMixture
@@ -46,7 +46,7 @@ class ProfiledGaussian:
         return SpatialMixture(template_dfmm, w_bkd, pi_bk, num_frames=num_frames, diffuse=diffuse)
 
     def tail(self, observed: ObservedSpectrogram) -> Tail:
-        """For :class:`avssl_pyro.distributions.ascent.MixtureAscent`."""
+        """For :class:`avssl_pyro.distributions.map_em.MixtureAscent`."""
         return Tail(observed.num_microphones, observed.num_microphones * observed.floor_b)
 
 
@@ -81,7 +81,7 @@ class InverseGammaPsd:
         )
 
     def tail(self, observed: ObservedSpectrogram) -> Tail:
-        """For :class:`avssl_pyro.distributions.ascent.MixtureAscent`."""
+        """For :class:`avssl_pyro.distributions.map_em.MixtureAscent`."""
         largest = torch.finfo(observed.floor_b.dtype).max ** 0.5
         offset_b = (math.log(self.scale) - 2 * observed.log_scale_b).exp().clamp_max(largest)
         return Tail(observed.num_microphones + self.shape, torch.maximum(offset_b, observed.floor_b))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from avssl_pyro.inference.posterior_draws import PosteriorDraws, replicate
+from avssl_pyro.guides.posterior_draws import PosteriorDraws, replicate
 
 Statistic = Callable[[Tensor], Tensor]
 """Spectrograms (..., F, M, T) to numbers (..., P)."""
@@ -88,7 +88,7 @@ def predictive_check(
         model: any with the sites of ``SpatialCGMM``.
         x_fmt: the recording, complex (F, M, T).
         image_cij: its picture, (3, I, J).
-        draws: of the prior (:func:`avssl_pyro.inference.posterior_draws.prior_draws`) or of a posterior.
+        draws: of the prior (:func:`avssl_pyro.guides.posterior_draws.prior_draws`) or of a posterior.
         statistic: such as :class:`BeamPower`.
         seed: of the replicas.
     """

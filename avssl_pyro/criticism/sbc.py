@@ -21,7 +21,7 @@ from torch import Tensor, nn
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.errors import InputError
-from avssl_pyro.inference.posterior_draws import PosteriorDraws, log_likelihood, prior_draws, replicate
+from avssl_pyro.guides.posterior_draws import PosteriorDraws, log_likelihood, prior_draws, replicate
 
 SECTORS = ("ahead", "left", "behind", "right")
 BINS = 10

@@ -11,12 +11,12 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.criticism.sbc import Sampler
-from avssl_pyro.guides.blind_start import BlindStart
-from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide
+from avssl_pyro.guides.initializers import BlindStart
+from avssl_pyro.guides.per_clip import PerSceneConfig, PerSceneGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.guides.scene_families import LowRank, MeanField
-from avssl_pyro.inference.nuts import NutsConfig, sample_posteriors
-from avssl_pyro.inference.posterior_draws import PosteriorDraws, draw_from
+from avssl_pyro.guides.gaussian_families import LowRank, MeanField
+from avssl_pyro.guides.nuts import NutsConfig, sample_posteriors
+from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 

@@ -16,10 +16,10 @@ from avssl_pyro.evaluation.experiment import observe as observe_all
 from avssl_pyro.evaluation.metrics import bootstrap_count_accuracy, bootstrap_f_measure, evaluate
 from avssl_pyro.evaluation.posterior_method import PosteriorMethod
 from avssl_pyro.evaluation.tables import HEADLINE_TOLERANCE_DEG
-from avssl_pyro.guides.directions import GuideParameters
-from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide
+from avssl_pyro.guides.base import GuideParameters
+from avssl_pyro.guides.per_clip import PerSceneConfig, PerSceneGuide
 from avssl_pyro.guides.refined import RefinedGuide
-from avssl_pyro.guides.scene_families import LowRank, MeanField
+from avssl_pyro.guides.gaussian_families import LowRank, MeanField
 from avssl_pyro.criticism.compatibility import Combination, sampled_elbo
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.system import System

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import torch
 
-from avssl_pyro.guides.blind_start import BlindStart
+from avssl_pyro.guides.initializers import BlindStart
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.system import System

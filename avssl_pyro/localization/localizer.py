@@ -12,7 +12,7 @@ from avssl_pyro.acoustics.stft import loud_frames, stft
 from avssl_pyro.batch import collate_clips
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.directions import DirectionStart, GuideParameters, PosteriorGuide
+from avssl_pyro.guides.base import DirectionStart, GuideParameters, PosteriorGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.localization.posterior import ScenePosterior
 from avssl_pyro.systems.system import System

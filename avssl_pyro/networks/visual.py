@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from avssl_pyro.networks.azimuth_view import AzimuthView
+from avssl_pyro.networks.augmentation import AzimuthView
 
 
 class _WrapAzimuth(torch.autograd.Function):

@@ -16,10 +16,10 @@ import torch
 from pyro.infer import Trace_ELBO
 from torch import Tensor, nn
 
-from avssl_pyro.distributions.ascent import MixturePoint
+from avssl_pyro.distributions.map_em import MixturePoint
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.model_ascent import check_ascent, model_ascent
+from avssl_pyro.guides.conjugacy import check_ascent, model_ascent
 from avssl_pyro.training.elbo_terms import RecordsTerms
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 

@@ -16,10 +16,10 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide
+from avssl_pyro.guides.per_clip import PerSceneConfig, PerSceneGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.guides.scene_families import LowRank, MeanField
-from avssl_pyro.guides.unconstrained import log_normal_and_dirichlet
+from avssl_pyro.guides.gaussian_families import LowRank, MeanField
+from avssl_pyro.guides.unconstrained_gaussian import log_normal_and_dirichlet
 from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.criticism.compatibility import Combination
 from avssl_pyro.training.elbo_terms import has_analytic_kl

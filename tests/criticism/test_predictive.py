@@ -9,9 +9,9 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
-from avssl_pyro.guides.blind_start import BlindStart
+from avssl_pyro.guides.initializers import BlindStart
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.inference.posterior_draws import PosteriorDraws, draw_from, log_likelihood, prior_draws, replicate
+from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from, log_likelihood, prior_draws, replicate
 from avssl_pyro.criticism.predictive import BeamPower, Coherence, Statistic, predictive_check
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet

@@ -12,7 +12,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.calibration_line_up import SmallSystem
 from avssl_pyro.evaluation.calibration_store import CalibrationStore
 from avssl_pyro.criticism.sbc import quantities, rank_histogram, run_trials, uniformity
-from avssl_pyro.inference.posterior_draws import PosteriorDraws, prior_draws
+from avssl_pyro.guides.posterior_draws import PosteriorDraws, prior_draws
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 

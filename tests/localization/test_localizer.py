@@ -8,7 +8,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.blind_start import BlindStart
+from avssl_pyro.guides.initializers import BlindStart
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.localization.posterior import ScenePosterior
 from avssl_pyro.localization.localizer import Localizer

@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from avssl_pyro.networks.azimuth_view import AzimuthView
+from avssl_pyro.networks.augmentation import AzimuthView
 from avssl_pyro.networks.visual import VisualNet, _WrapAzimuth
 
 

@@ -11,7 +11,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.guides.base import GuideParameters
 from avssl_pyro.training.distillation import TargetConfig, TaughtLoss, log_outcomes
 from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM

@@ -2,7 +2,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avssl_pyro.networks.azimuth_view import AzimuthView
+from avssl_pyro.networks.augmentation import AzimuthView
 
 D = 12
 

@@ -15,10 +15,10 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.blind_start import BlindStart
-from avssl_pyro.guides.per_scene import PerSceneConfig, PerSceneGuide, dirichlet_of_moments
+from avssl_pyro.guides.initializers import BlindStart
+from avssl_pyro.guides.per_clip import PerSceneConfig, PerSceneGuide, dirichlet_of_moments
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.guides.scene_families import LowRank, MeanField, SceneFamily
+from avssl_pyro.guides.gaussian_families import LowRank, MeanField, SceneFamily
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 B, D, K, T = 2, 12, 3, 20

@@ -4,7 +4,7 @@ import pyro
 import pyro.distributions as dist
 from torch import Tensor, nn
 
-from avssl_pyro.guides.directions import GuideParameters
+from avssl_pyro.guides.base import GuideParameters
 
 
 class FittedPosterior(nn.Module):

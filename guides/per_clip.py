@@ -16,9 +16,9 @@ from torch import Tensor, nn
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
-from avssl_pyro.guides.directions import GuideParameters
-from avssl_pyro.guides.scene_families import MeanField, SceneFamily, SceneModel
-from avssl_pyro.guides.unconstrained import UnconstrainedGaussian, log_normal_and_dirichlet
+from avssl_pyro.guides.base import GuideParameters
+from avssl_pyro.guides.gaussian_families import MeanField, SceneFamily, SceneModel
+from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 
 # The last step of Adam relative to the first.

@@ -1,14 +1,14 @@
 """Closed-form ascent of a model's own posterior: its priors and likelihood say themselves how they enter.
 
 Whichever of them has the method asked for (``pseudo_counts``, ``of_log_weights``, ``tail``) can be swapped. For others
-there are guides fitted by gradients, see :mod:`avssl_pyro.guides.per_scene`.
+there are guides fitted by gradients, see :mod:`avssl_pyro.guides.per_clip`.
 """
 
 from typing import Protocol, runtime_checkable
 
 from torch import Tensor
 
-from avssl_pyro.distributions.ascent import MixtureAscent, Tail
+from avssl_pyro.distributions.map_em import MixtureAscent, Tail
 from avssl_pyro.distributions.log_weight_priors import LogWeightPrior
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, observe
 from avssl_pyro.errors import InputError

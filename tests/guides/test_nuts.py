@@ -8,8 +8,8 @@ from pyro import distributions as dist
 from torch import Tensor, nn
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.directions import GuideParameters
-from avssl_pyro.inference.nuts import NutsConfig, NutsDraws, NutsGuide, sample_posterior, sample_posteriors
+from avssl_pyro.guides.base import GuideParameters
+from avssl_pyro.guides.nuts import NutsConfig, NutsDraws, NutsGuide, sample_posterior, sample_posteriors
 
 K, D = 3, 2
 PRIOR_SIGMA, NOISE = 1.0, 0.5

@@ -23,11 +23,11 @@ from tqdm import tqdm
 
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.directions import GuideParameters
-from avssl_pyro.guides.fitted import FittedPosterior
-from avssl_pyro.guides.per_scene import AnyGuide, dirichlet_of_moments
-from avssl_pyro.guides.unconstrained import UnconstrainedGaussian, log_normal_and_dirichlet
-from avssl_pyro.inference.posterior_draws import PosteriorDraws
+from avssl_pyro.guides.base import GuideParameters
+from avssl_pyro.guides.fixed import FittedPosterior
+from avssl_pyro.guides.per_clip import AnyGuide, dirichlet_of_moments
+from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
+from avssl_pyro.guides.posterior_draws import PosteriorDraws
 
 # Chains start so many of the start's standard deviations away from it: apart, but in the same copy of the mode.
 JITTER = 0.5

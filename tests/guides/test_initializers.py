@@ -7,7 +7,7 @@ import torch
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.guides.blind_start import BlindStart
+from avssl_pyro.guides.initializers import BlindStart
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 

@@ -12,7 +12,7 @@ from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.distributions.ascent import MixtureAscent, Tail
+from avssl_pyro.distributions.map_em import MixtureAscent, Tail
 from avssl_pyro.distributions.log_weight_priors import (
     GammaLogWeights,
     HalfNormalLogWeights,

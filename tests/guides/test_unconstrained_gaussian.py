@@ -4,7 +4,7 @@ import pytest
 import torch
 from pyro import distributions as dist
 
-from avssl_pyro.guides.unconstrained import UnconstrainedGaussian, log_normal_and_dirichlet
+from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
 
 B, K, D, R = 2, 3, 4, 2
 N = K * D + K - 1

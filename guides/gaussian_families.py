@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.distributions import StickBreakingTransform
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.unconstrained import UnconstrainedGaussian
+from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian
 
 SITES = ["direction_weights", "mixing_levels"]
 # Loadings of shared factors to start with, relative to the spread: none at all would stay so.

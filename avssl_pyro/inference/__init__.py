@@ -1,1 +1,0 @@
-"""ELBO terms, closed forms, training, checkpoints and localization."""
