@@ -21,7 +21,7 @@ from avssl_pyro.cli.material import MaterialOptions
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.io.dcase import write_dcase
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.film import Camera
+from avssl_pyro.simulation.camera import Camera
 from avssl_pyro.simulation.moving_people import MovingPeopleConfig
 from avssl_pyro.simulation.recordings import RecordingSimulator, SimulatedRecording
 from avssl_pyro.io.video_writer import open_video

@@ -10,7 +10,7 @@ from avssl_pyro.io.clip_files import fit_image
 from avssl_pyro.diagnosis.camera import judge, orientation_search
 from avssl_pyro.diagnosis.finding import Severity
 from avssl_pyro.systems.system import System
-from avssl_pyro.simulation.film import Camera
+from avssl_pyro.simulation.camera import Camera
 from avssl_pyro.simulation.recordings import RecordingSimulator
 
 WINDOW_S = 1.0

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.material import list_material
+from avssl_pyro.simulation.assets import list_material
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
 CACHED_PANORAMAS = 64

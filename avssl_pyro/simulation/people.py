@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.material import list_material
+from avssl_pyro.simulation.assets import list_material
 
 SUFFIXES = frozenset({".png"})
 # At 0.5 m a metre covers about 230 image rows, but only the middle of a body is in view; more pixels would not show.

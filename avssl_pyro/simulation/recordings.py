@@ -9,17 +9,17 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.io.dcase import DcaseRow
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.figures import ProceduralPerson
-from avssl_pyro.simulation.film import Camera, Film
+from avssl_pyro.simulation.synthetic_people import ProceduralPerson
+from avssl_pyro.simulation.camera import Camera, Film
 from avssl_pyro.simulation.moving_people import MovingPeople, MovingPeopleConfig, draw_moving_people
 from avssl_pyro.simulation.panoramas import PanoramaSource
 from avssl_pyro.simulation.people import PersonSource
-from avssl_pyro.simulation.recorded_voices import DryVoices, hear, labels, speak
-from avssl_pyro.simulation.rooms import ProceduralRoom
+from avssl_pyro.simulation.dialogue import DryVoices, hear, labels, speak
+from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.scenes import check_known_all_around
 from avssl_pyro.simulation.speech import SpeechSource
-from avssl_pyro.simulation.voices import ProceduralSpeech
-from avssl_pyro.simulation.walking_voice import Steps, with_noise
+from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.simulation.moving_source import Steps, with_noise
 
 PEAK = 0.5
 

@@ -12,7 +12,7 @@ from scipy import signal
 
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.material import list_material
+from avssl_pyro.simulation.assets import list_material
 
 SUFFIXES = frozenset({".wav", ".flac"})
 FRAME_SAMPLES = SAMPLE_RATE // 50

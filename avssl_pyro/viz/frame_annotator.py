@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.tracking.timeline import NamedSource, Timeline
-from avssl_pyro.viz.canvas import BoxSize, Canvas, place_boxes
-from avssl_pyro.viz.compass import CompassStrip
+from avssl_pyro.viz.panorama_axes import BoxSize, Canvas, place_boxes
+from avssl_pyro.viz.azimuth_strip import CompassStrip
 from avssl_pyro.viz.palette import Color, ink_on
-from avssl_pyro.viz.stamp import Lettering, Stamp, rounded_box
+from avssl_pyro.viz.sprites import Lettering, Stamp, rounded_box
 from avssl_pyro.viz.track_colors import track_colors
 
 # Letters need so many columns, and browsers and two cores no more than so many.

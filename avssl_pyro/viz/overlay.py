@@ -15,7 +15,7 @@ from matplotlib.patches import FancyBboxPatch, Polygon
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
 from avssl_pyro.viz.activation import blend, mute, resize_circular, strength_maps
-from avssl_pyro.viz.canvas import MIN_WIDTH, Box, BoxSize, Canvas, place_boxes
+from avssl_pyro.viz.panorama_axes import MIN_WIDTH, Box, BoxSize, Canvas, place_boxes
 from avssl_pyro.viz.palette import OKABE_ITO, Color, color_of, ink_on
 from avssl_pyro.io.png import save_png
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.figures import ProceduralPerson
+from avssl_pyro.simulation.synthetic_people import ProceduralPerson
 from avssl_pyro.simulation.people import PeopleFolder
 
 

@@ -13,16 +13,16 @@ from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.io.dcase import azimuths_by_frame
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.peaks import PeakSetting
-from avssl_pyro.simulation.figures import ProceduralPerson
-from avssl_pyro.simulation.film import Camera, Film
+from avssl_pyro.simulation.synthetic_people import ProceduralPerson
+from avssl_pyro.simulation.camera import Camera, Film
 from avssl_pyro.simulation.layout import SceneConfig
 from avssl_pyro.simulation.moving_people import MovingPeople, MovingPeopleConfig, draw_moving_people
 from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig
-from avssl_pyro.simulation.recorded_voices import hear, labels, speak
+from avssl_pyro.simulation.dialogue import hear, labels, speak
 from avssl_pyro.simulation.recordings import RecordingSimulator
-from avssl_pyro.simulation.rooms import ProceduralRoom
-from avssl_pyro.simulation.voices import ProceduralSpeech
-from avssl_pyro.simulation.walking_voice import RoomAcoustics, Steps
+from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
+from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.simulation.moving_source import RoomAcoustics, Steps
 
 WALKS = MovingTalkersConfig(seconds=6.0, utterance_s=(1.5, 5.0), pause_s=(0.5, 1.0))
 CONFIG = MovingPeopleConfig(walks=WALKS)

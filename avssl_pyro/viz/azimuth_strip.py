@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.tracking.timeline import MAX_TURN, NamedSource, Timeline
-from avssl_pyro.viz.canvas import Canvas
+from avssl_pyro.viz.panorama_axes import Canvas
 from avssl_pyro.viz.palette import Color
-from avssl_pyro.viz.stamp import Lettering
+from avssl_pyro.viz.sprites import Lettering
 
 TRAIL_S = 6.0
 BACKGROUND: Color = (0.09, 0.1, 0.12)

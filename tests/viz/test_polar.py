@@ -8,7 +8,7 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
-from avssl_pyro.viz.circle import Circle, draw_circles, draw_patterns
+from avssl_pyro.viz.polar import Circle, draw_circles, draw_patterns
 
 GRID = DirectionGrid()
 
