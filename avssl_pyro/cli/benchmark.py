@@ -36,7 +36,7 @@ from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.distributions.profiled_gaussian import component_log_likelihood, observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import default_baselines
-from avssl_pyro.evaluation.line_up import system_band_hz
+from avssl_pyro.benchmarks.method_suite import system_band_hz
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.criticism.closed_form import kl_dirichlet, kl_log_normal

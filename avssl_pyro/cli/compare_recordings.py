@@ -20,8 +20,8 @@ from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, default_baselines
 from avssl_pyro.evaluation.methods import plain_and_tuned
 from avssl_pyro.evaluation.metrics import Azimuths
 from avssl_pyro.evaluation.peaks import PeakSetting
-from avssl_pyro.evaluation.posterior_method import PosteriorMethod
-from avssl_pyro.evaluation.recording_comparison import NEAR_DEG, comparison_tables
+from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
+from avssl_pyro.benchmarks.recordings import NEAR_DEG, comparison_tables
 from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.localization.audio_only import localizer_by_ear

@@ -16,8 +16,8 @@ from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split, default_dataset
 from avssl_pyro.datasets.labeled_scenes import LabeledScenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ
-from avssl_pyro.evaluation.experiment import run_methods, score_runs
-from avssl_pyro.evaluation.line_up import LineUp, system_band_hz
+from avssl_pyro.benchmarks.comparison import run_methods, score_runs
+from avssl_pyro.benchmarks.method_suite import LineUp, system_band_hz
 from avssl_pyro.evaluation.report import print_table, write_report
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.systems.checkpoint import load_checkpoint

@@ -13,14 +13,14 @@ from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.material import MaterialOptions
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.report import print_tables
-from avssl_pyro.evaluation.separation_experiment import SeparationExperiment
-from avssl_pyro.evaluation.separation_methods import (
+from avssl_pyro.benchmarks.separation import SeparationExperiment
+from avssl_pyro.benchmarks.separation_methods import (
     DelayAndSumAtTruth,
     OracleMasks,
     PosteriorSeparation,
     SeparationMethod,
 )
-from avssl_pyro.evaluation.separation_table import separation_table
+from avssl_pyro.benchmarks.separation_table import separation_table
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.separation.beamforming import Masking, Mvdr
 from avssl_pyro.localization.posterior import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS

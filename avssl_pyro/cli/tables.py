@@ -8,12 +8,12 @@ from typing import Any
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split
 from avssl_pyro.datasets.labeled_scenes import LabeledScenes
-from avssl_pyro.evaluation.cell import Cell, run_cell
-from avssl_pyro.evaluation.cell_store import CellStore
-from avssl_pyro.evaluation.cell_tables import roc_curves
-from avssl_pyro.evaluation.experiment_report import NOWHERE_BEHIND, ExperimentReport, score_cells
-from avssl_pyro.evaluation.line_up import LineUp
-from avssl_pyro.evaluation.paper_figures import ALL_SPEAK, SOME_SILENT
+from avssl_pyro.benchmarks.condition import Cell, run_cell
+from avssl_pyro.benchmarks.condition_cache import CellStore
+from avssl_pyro.benchmarks.condition_tables import roc_curves
+from avssl_pyro.benchmarks.paper_report import NOWHERE_BEHIND, ExperimentReport, score_cells
+from avssl_pyro.benchmarks.method_suite import LineUp
+from avssl_pyro.benchmarks.published_results import ALL_SPEAK, SOME_SILENT
 from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.evaluation.tables import HEADLINE_TOLERANCE_DEG
 from avssl_pyro.viz.roc import Curve, save_roc

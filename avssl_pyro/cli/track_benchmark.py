@@ -12,9 +12,9 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.heard_recordings import HeardRecordings
-from avssl_pyro.evaluation.simulated_detections import DetectorConfig
-from avssl_pyro.evaluation.tracking_experiment import SimulatedRecordings, compare
+from avssl_pyro.benchmarks.rendered_recordings import HeardRecordings
+from avssl_pyro.benchmarks.simulated_detections import DetectorConfig
+from avssl_pyro.benchmarks.tracking import SimulatedRecordings, compare
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.localization.audio_only import localizer_by_ear

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from avssl_pyro.cli.camera_benchmark import main
-from avssl_pyro.evaluation.camera_experiment import CameraTrial
+from avssl_pyro.benchmarks.camera import CameraTrial
 
 
 def test_trials_are_kept_and_shown(checkpoint: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from avssl_pyro.cli import compare_combinations
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.combinations import RECIPES
+from avssl_pyro.benchmarks.combinations import RECIPES
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.evaluation.cell import Cell
-from avssl_pyro.evaluation.cell_tables import (
+from avssl_pyro.benchmarks.condition import Cell
+from avssl_pyro.benchmarks.condition_tables import (
     calibration_dicts,
     calibrations,
     coverage_table,
@@ -18,9 +18,9 @@ from avssl_pyro.evaluation.cell_tables import (
     talking_table,
     timing_table,
 )
-from avssl_pyro.evaluation.experiment import score_runs
-from avssl_pyro.evaluation.paper_figures import PAPER_TABLES
-from avssl_pyro.evaluation.paper_tables import behind, overall_table, paper_tables, sweep_tables
+from avssl_pyro.benchmarks.comparison import score_runs
+from avssl_pyro.benchmarks.published_results import PAPER_TABLES
+from avssl_pyro.benchmarks.paper_tables import behind, overall_table, paper_tables, sweep_tables
 from avssl_pyro.evaluation.report import markdown, row_dict
 from avssl_pyro.evaluation.tables import ResultRow, ResultTable
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from avssl_pyro.evaluation.calibration import GATE_DEG, Calibration, calibrate
-from avssl_pyro.evaluation.cell import Cell
+from avssl_pyro.evaluation.spread_calibration import GATE_DEG, Calibration, calibrate
+from avssl_pyro.benchmarks.condition import Cell
 from avssl_pyro.evaluation.tables import ResultTable, TableCell, order_methods
-from avssl_pyro.evaluation.talking import WITHIN_DEG, RocCurve, roc_curve
+from avssl_pyro.evaluation.activity_roc import WITHIN_DEG, RocCurve, roc_curve
 
 CalibrationKey = tuple[str, int, str]
 """Condition, microphones, method."""

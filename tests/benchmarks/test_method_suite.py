@@ -7,7 +7,7 @@ import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig
-from avssl_pyro.evaluation.line_up import LineUp, system_band_hz
+from avssl_pyro.benchmarks.method_suite import LineUp, system_band_hz
 from avssl_pyro.evaluation.tables import METHOD_ORDER
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system

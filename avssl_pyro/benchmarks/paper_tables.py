@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from avssl_pyro.evaluation.paper_figures import MICROPHONES, PAPER_TABLES, PROPOSED, TALKERS, PaperTable
+from avssl_pyro.benchmarks.published_results import MICROPHONES, PAPER_TABLES, PROPOSED, TALKERS, PaperTable
 from avssl_pyro.evaluation.tables import (
     HEADLINE_TOLERANCE_DEG,
     TOLD_THE_COUNT,

@@ -11,10 +11,10 @@ from torch import Tensor, nn
 
 from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
 from avssl_pyro.distributions.seeded import seeded
-from avssl_pyro.evaluation.experiment import Scene, tune_and_decide
-from avssl_pyro.evaluation.experiment import observe as observe_all
+from avssl_pyro.benchmarks.comparison import Scene, tune_and_decide
+from avssl_pyro.benchmarks.comparison import observe as observe_all
 from avssl_pyro.evaluation.metrics import bootstrap_count_accuracy, bootstrap_f_measure, evaluate
-from avssl_pyro.evaluation.posterior_method import PosteriorMethod
+from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
 from avssl_pyro.evaluation.tables import HEADLINE_TOLERANCE_DEG
 from avssl_pyro.guides.base import GuideParameters
 from avssl_pyro.guides.per_clip import PerSceneConfig, PerSceneGuide

@@ -4,7 +4,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from avssl_pyro.evaluation.calibration import (
+from avssl_pyro.evaluation.spread_calibration import (
     ONE_STD,
     TWO_STD,
     SpreadErrors,

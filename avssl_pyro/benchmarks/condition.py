@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.evaluation.calibration import SpreadErrors, match_spreads
-from avssl_pyro.evaluation.experiment import MethodRun, Observations, Runs, Scene, observe, tune_and_decide
+from avssl_pyro.evaluation.spread_calibration import SpreadErrors, match_spreads
+from avssl_pyro.benchmarks.comparison import MethodRun, Observations, Runs, Scene, observe, tune_and_decide
 from avssl_pyro.evaluation.methods import Method, Tuned
-from avssl_pyro.evaluation.posterior_method import PosteriorMethod
-from avssl_pyro.evaluation.talking import levels_of
+from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
+from avssl_pyro.evaluation.activity_roc import levels_of
 from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 
 BELIEVERS = ("amortized", "refined")

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.evaluation.talking import levels_of, roc_curve
+from avssl_pyro.evaluation.activity_roc import levels_of, roc_curve
 from avssl_pyro.localization.posterior import ScenePosterior
 
 GRID = DirectionGrid()

@@ -8,12 +8,12 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.cell import cell_from_dict, cell_to_dict, run_cell
-from avssl_pyro.evaluation.cell_store import CellStore
-from avssl_pyro.evaluation.cell_tables import calibrations, coverage_table, roc_curves, talking_table, timing_table
-from avssl_pyro.evaluation.experiment_report import score_cells
+from avssl_pyro.benchmarks.condition import cell_from_dict, cell_to_dict, run_cell
+from avssl_pyro.benchmarks.condition_cache import CellStore
+from avssl_pyro.benchmarks.condition_tables import calibrations, coverage_table, roc_curves, talking_table, timing_table
+from avssl_pyro.benchmarks.paper_report import score_cells
 from avssl_pyro.evaluation.peaks import PeakSetting
-from avssl_pyro.evaluation.posterior_method import PosteriorMethod
+from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
 from avssl_pyro.localization.posterior import ScenePosterior
 
 GRID = DirectionGrid()

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.clip import SAMPLE_RATE, Clip
-from avssl_pyro.evaluation.tracking_experiment import Recording
+from avssl_pyro.benchmarks.tracking import Recording
 from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.tracking.tracker import WindowDetections

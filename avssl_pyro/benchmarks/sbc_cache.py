@@ -8,7 +8,7 @@ from pathlib import Path
 
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.calibration_line_up import SmallSystem
+from avssl_pyro.benchmarks.sbc_toy_model import SmallSystem
 from avssl_pyro.criticism.sbc import Sampler, run_trials
 
 FORMAT = "avssl-calibration/1"

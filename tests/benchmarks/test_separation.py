@@ -7,10 +7,10 @@ import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.clip import Clip
-from avssl_pyro.evaluation.separation_experiment import UNPROCESSED, Improvements, SeparationExperiment
-from avssl_pyro.evaluation.separation_methods import DelayAndSumAtTruth, Estimates, OracleMasks, PosteriorSeparation
-from avssl_pyro.evaluation.separation_table import lead, separation_table
-from avssl_pyro.evaluation.talker_mixtures import TalkerMixture, draw_mixture
+from avssl_pyro.benchmarks.separation import UNPROCESSED, Improvements, SeparationExperiment
+from avssl_pyro.benchmarks.separation_methods import DelayAndSumAtTruth, Estimates, OracleMasks, PosteriorSeparation
+from avssl_pyro.benchmarks.separation_table import lead, separation_table
+from avssl_pyro.benchmarks.talker_mixtures import TalkerMixture, draw_mixture
 from avssl_pyro.separation.beamforming import Masking, WienerFilter
 from avssl_pyro.localization.posterior import ScenePosterior, SourceThresholds
 from avssl_pyro.localization.localizer import Localizer

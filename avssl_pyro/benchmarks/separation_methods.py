@@ -11,7 +11,7 @@ import torch
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.stft import StftConfig, istft, stft
 from avssl_pyro.evaluation.matching import angular_errors, gate_then_assign
-from avssl_pyro.evaluation.talker_mixtures import TalkerMixture
+from avssl_pyro.benchmarks.talker_mixtures import TalkerMixture
 from avssl_pyro.separation.beamforming import Extraction, delay_and_sum
 from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 from avssl_pyro.localization.localizer import Localizer

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.evaluation.simulated_detections import DetectorConfig, detect
+from avssl_pyro.benchmarks.simulated_detections import DetectorConfig, detect
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores, tracking_scores
 from avssl_pyro.tracking.online import LiveTracker
 from avssl_pyro.tracking.tracker import TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources

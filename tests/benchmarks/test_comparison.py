@@ -6,8 +6,8 @@ import pytest
 
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.experiment import run_methods, score_runs
-from avssl_pyro.evaluation.trivial import ConstantCount, RandomAtTrueCount
+from avssl_pyro.benchmarks.comparison import run_methods, score_runs
+from avssl_pyro.evaluation.chance import ConstantCount, RandomAtTrueCount
 
 IMAGE = np.zeros((88, 288, 3), dtype=np.uint8)
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from avssl_pyro.evaluation.recording_comparison import comparison_tables, score_group
+from avssl_pyro.benchmarks.recordings import comparison_tables, score_group
 
 
 def radians(*azimuths_deg: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 
 from avssl_pyro.atomic_file import remove_temporaries, write_atomically
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.cell import Cell, cell_from_dict, cell_to_dict
+from avssl_pyro.benchmarks.condition import Cell, cell_from_dict, cell_to_dict
 
 FORMAT = "avssl-cell/3"
 

@@ -1,0 +1,1 @@
+"""Experiments: who does better, on which material."""
