@@ -6,14 +6,14 @@ from types import FrameType, TracebackType
 from typing import Any
 
 
-class StopRequest:
+class GracefulInterrupt:
     """While active, the first SIGINT or SIGTERM sets ``requested``; a second SIGINT interrupts at once."""
 
     def __init__(self) -> None:
         self.requested = False
         self._previous: dict[int, Any] = {}
 
-    def __enter__(self) -> "StopRequest":
+    def __enter__(self) -> "GracefulInterrupt":
         # Signal handlers can be set in the main thread only; elsewhere (a notebook's worker) nothing is caught.
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):

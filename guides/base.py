@@ -31,7 +31,7 @@ class GuideParameters(NamedTuple):
     activation_bkij: Tensor
 
 
-class DirectionStart(Protocol):
+class Initializer(Protocol):
     """Anything that says where to look first: a trained guide, or a rule of thumb. It has to be a torch module."""
 
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:

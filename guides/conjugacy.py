@@ -8,8 +8,8 @@ from typing import Protocol, runtime_checkable
 
 from torch import Tensor
 
-from avssl_pyro.distributions.map_em import MixtureAscent, Tail
 from avssl_pyro.distributions.log_weight_priors import LogWeightPrior
+from avssl_pyro.distributions.map_em import DensityGenerator, MapEM
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
@@ -34,10 +34,10 @@ class SmoothWeights(Protocol):
 
 
 @runtime_checkable
-class TailedLikelihood(Protocol):
+class HasDensityGenerator(Protocol):
     """A likelihood that is a power of x^H H^-1 x plus an offset."""
 
-    def tail(self, observed: ObservedSpectrogram) -> Tail:
+    def tail(self, observed: ObservedSpectrogram) -> DensityGenerator:
         """Power and offset."""
         ...
 
@@ -51,12 +51,12 @@ def check_ascent(model: SpatialCGMM) -> None:
     for role, part, protocol, method in (
         ("level prior", model.level_prior, CountedLevels, "pseudo_counts"),
         ("direction prior", model.direction_prior, SmoothWeights, "of_log_weights"),
-        ("likelihood", model.likelihood, TailedLikelihood, "tail"),
+        ("likelihood", model.likelihood, HasDensityGenerator, "tail"),
     ):
         if not isinstance(part, protocol):
             raise InputError(
                 f"the {role} {part} has no '{method}', so closed-form ascent cannot take it in; add that method or use "
-                "a PerSceneGuide, which needs gradients alone."
+                "a PerClipGuide, which needs gradients alone."
             )
 
 
@@ -68,7 +68,7 @@ def model_ascent(
     bin_step: int = 1,
     frame_step: int = 1,
     prior_mean: Tensor | float = 0.0,
-) -> MixtureAscent:
+) -> MapEM:
     """The ascent of p(w, pi | x) for a batch of clips.
 
     Args:
@@ -76,16 +76,16 @@ def model_ascent(
         x_bfmt: the clips, complex (B, F, M, T).
         like_bkd: dtype, device and shape of the log-weights.
         bin_step, frame_step: every how many frequencies and frames are used; they stand for the others.
-        prior_mean: of log w, as of :class:`MixtureAscent`.
+        prior_mean: of log w, as of :class:`MapEM`.
     """
     levels, directions, likelihood = model.level_prior, model.direction_prior, model.likelihood
     assert isinstance(levels, CountedLevels)
     assert isinstance(directions, SmoothWeights)
-    assert isinstance(likelihood, TailedLikelihood)
+    assert isinstance(likelihood, HasDensityGenerator)
     _, num_sources, num_directions = like_bkd.shape
     observed = observe(x_bfmt[:, ::bin_step, :, ::frame_step])
     _, f, _, t = observed.features_bfct.shape
-    return MixtureAscent(
+    return MapEM(
         observed,
         model.template_dfmm[:, ::bin_step],
         model.diffuse,

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from avssl_pyro.guides.base import GuideParameters
 
 
-class FittedPosterior(nn.Module):
+class FixedGuide(nn.Module):
     """q(w) = LogNormal(mu, sigma^2) and q(pi) = Dir(concentration) of the very clips it was made of.
 
     Args:

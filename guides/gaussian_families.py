@@ -17,15 +17,15 @@ SITES = ["direction_weights", "mixing_levels"]
 # Loadings of shared factors to start with, relative to the spread: none at all would stay so.
 FIRST_LOADING = 0.1
 
-SceneModel = Callable[[Tensor, Tensor], None]
+ClipModel = Callable[[Tensor, Tensor], None]
 """A model of clips (x_bfmt, image_bcij) with the latent sites ``SITES`` in a plate of clips, such as SpatialCGMM."""
 
 
-class SceneFamily(Protocol):
+class GaussianFamily(Protocol):
     """A family of Gaussians of the unconstrained latents of one scene."""
 
     def autoguide(
-        self, model: SceneModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
+        self, model: ClipModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
     ) -> AutoGuide:
         """An autoguide for the one clip that is given, its parameters those of ``start``."""
         ...
@@ -40,7 +40,7 @@ class MeanField:
     """Every latent on its own: Pyro's AutoNormal."""
 
     def autoguide(
-        self, model: SceneModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
+        self, model: ClipModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
     ) -> AutoGuide:
         guide = AutoNormal(model, init_loc_fn=_at_means(start))
         _set_up(guide, x_bfmt, image_bcij)
@@ -69,7 +69,7 @@ class LowRank:
             raise InputError(f"LowRank: rank is {self.rank}; it must be at least 1.")
 
     def autoguide(
-        self, model: SceneModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
+        self, model: ClipModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
     ) -> AutoGuide:
         guide = AutoLowRankMultivariateNormal(model, init_loc_fn=_at_means(start), rank=self.rank)
         _set_up(guide, x_bfmt, image_bcij)
@@ -98,7 +98,7 @@ def _set_up(autoguide: AutoGuide, x_bfmt: Tensor, image_bcij: Tensor) -> None:
     found = _sites(autoguide)
     if sorted(found) != SITES:
         raise InputError(
-            f"PerSceneGuide: the model has the latent sites {', '.join(found)}; "
+            f"PerClipGuide: the model has the latent sites {', '.join(found)}; "
             f"it must have {' and '.join(SITES)} alone."
         )
 

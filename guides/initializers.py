@@ -11,7 +11,7 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 LOBE_HEIGHT = 2.0
 
 
-class BlindStart(nn.Module):
+class UninformedInitializer(nn.Module):
     """A start of :class:`avssl_pyro.guides.refined.RefinedGuide` that knows neither the picture nor the recording.
 
     Every class but the last looks at a sector of its own; the last looks everywhere alike, for diffuse noise. A start

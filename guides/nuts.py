@@ -24,10 +24,10 @@ from tqdm import tqdm
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.base import GuideParameters
-from avssl_pyro.guides.fixed import FittedPosterior
+from avssl_pyro.guides.fixed import FixedGuide
 from avssl_pyro.guides.per_clip import AnyGuide, dirichlet_of_moments
-from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
 from avssl_pyro.guides.posterior_draws import PosteriorDraws
+from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
 
 # Chains start so many of the start's standard deviations away from it: apart, but in the same copy of the mode.
 JITTER = 0.5
@@ -140,7 +140,7 @@ def sample_posteriors(
         answer = start.parameters_of(x_bfmt, image_bcij)
     # The log-likelihood has five to seven digits before the point, and acceptance asks for one after it.
     origin = log_normal_and_dirichlet(*(value.double() for value in answer[:3]))
-    potential = ScenePotential(model, origin, x_bfmt, image_bcij)
+    potential = ClipPotential(model, origin, x_bfmt, image_bcij)
     chains = [_run_chain(potential, config, chain) for chain in range(config.chains)]
     latent_sbn = potential.latent_of(torch.cat([draws_sbn for draws_sbn, _ in chains]))
     diverging_s = torch.cat([diverging_s for _, diverging_s in chains])
@@ -169,9 +169,9 @@ class NutsGuide(nn.Module):
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
         self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
 
-    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FittedPosterior:
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FixedGuide:
         """A guide of these clips, to be used more than once without sampling again."""
-        return FittedPosterior(self.parameters_of(x_bfmt, image_bcij))
+        return FixedGuide(self.parameters_of(x_bfmt, image_bcij))
 
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
         """The draws' moments; activation maps are those of the start."""
@@ -179,7 +179,7 @@ class NutsGuide(nn.Module):
             start = self.start.parameters_of(x_bfmt, image_bcij)
         draws = []
         for b, clip in enumerate(zip(x_bfmt, image_bcij, strict=True)):
-            known = FittedPosterior(GuideParameters(*(value[b : b + 1] for value in start)))
+            known = FixedGuide(GuideParameters(*(value[b : b + 1] for value in start)))
             draws.append(sample_posterior(known, self.model, *clip, self.config))
         mu_bkd, sigma_bkd, concentration_bk = (
             torch.stack(values).to(start.mu_bkd) for values in zip(*(clip.moments() for clip in draws), strict=True)
@@ -187,7 +187,7 @@ class NutsGuide(nn.Module):
         return GuideParameters(mu_bkd, sigma_bkd, concentration_bk, start.activation_bkij)
 
 
-class ScenePotential:
+class ClipPotential:
     """-log p(x, w, pi) of clips over their unconstrained latents, which are counted in the origin's spreads.
 
     Args:
@@ -215,7 +215,7 @@ class ScenePotential:
         return -log_joint
 
 
-def _run_chain(potential: ScenePotential, config: NutsConfig, chain: int) -> tuple[Tensor, Tensor]:
+def _run_chain(potential: ClipPotential, config: NutsConfig, chain: int) -> tuple[Tensor, Tensor]:
     """Draws (S, B, N) of one chain, and which of them diverged."""
     zero_bn = torch.zeros_like(potential.origin.loc_bn)
     # Far trajectories leave what distributions accept; that is what rejection is for.

@@ -17,7 +17,7 @@ from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.base import GuideParameters
-from avssl_pyro.guides.gaussian_families import MeanField, SceneFamily, SceneModel
+from avssl_pyro.guides.gaussian_families import ClipModel, GaussianFamily, MeanField
 from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 
@@ -37,7 +37,7 @@ class AnyGuide(Protocol):
 
 
 @dataclass(frozen=True)
-class PerSceneConfig:
+class PerClipConfig:
     """How a guide is fitted to a scene.
 
     Args:
@@ -52,9 +52,9 @@ class PerSceneConfig:
 
     def __post_init__(self) -> None:
         if self.steps < 1:
-            raise InputError(f"PerSceneConfig: steps is {self.steps}; it must be at least 1.")
+            raise InputError(f"PerClipConfig: steps is {self.steps}; it must be at least 1.")
         if not self.learning_rate > 0:
-            raise InputError(f"PerSceneConfig: learning_rate is {self.learning_rate}; it must be positive.")
+            raise InputError(f"PerClipConfig: learning_rate is {self.learning_rate}; it must be positive.")
 
 
 class FittedGuide(nn.Module):
@@ -89,7 +89,7 @@ class FittedGuide(nn.Module):
         return GuideParameters(posterior.mu_bkd, posterior.sigma_bkd, concentration_bk, self.activation_bkij)
 
 
-class PerSceneGuide(nn.Module):
+class PerClipGuide(nn.Module):
     """q(w, pi) of every clip fitted to that clip alone, under whatever model.
 
     Clips are fitted one by one with the same draws, so that none depends on its batch. Drawing from the guide fits
@@ -111,20 +111,20 @@ class PerSceneGuide(nn.Module):
     def __init__(
         self,
         start: AnyGuide,
-        model: SceneModel,
-        family: SceneFamily = MeanField(),  # noqa: B008
-        config: PerSceneConfig = PerSceneConfig(),
+        model: ClipModel,
+        family: GaussianFamily = MeanField(),  # noqa: B008
+        config: PerClipConfig = PerClipConfig(),
     ) -> None:
         super().__init__()
         if isinstance(model, ExplicitMaskCGMM):
             raise InputError(
-                "PerSceneGuide: ExplicitMaskCGMM has discrete masks, which no Gaussian can follow; fit to SpatialCGMM, "
+                "PerClipGuide: ExplicitMaskCGMM has discrete masks, which no Gaussian can follow; fit to SpatialCGMM, "
                 "whose masks are summed out, for the same posterior."
             )
         of_start, of_model = (getattr(each, "num_sources", None) for each in (start, model))
         if None not in (of_start, of_model) and of_start != of_model:
             raise InputError(
-                f"PerSceneGuide: the start has {of_start} source classes and the model {of_model}; give both the same."
+                f"PerClipGuide: the start has {of_start} source classes and the model {of_model}; give both the same."
             )
         self.model = model
         self.start = start

@@ -14,12 +14,12 @@ import torch.nn.functional as F
 from pyro.nn import PyroModule
 from torch import Tensor
 
-from avssl_pyro.distributions.map_em import MixtureAscent, MixturePoint
+from avssl_pyro.distributions.map_em import MapEM, MapEMState
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
-from avssl_pyro.guides.base import DirectionStart, GuideParameters
-from avssl_pyro.guides.fixed import FittedPosterior
+from avssl_pyro.guides.base import GuideParameters, Initializer
 from avssl_pyro.guides.conjugacy import check_ascent, model_ascent
+from avssl_pyro.guides.fixed import FixedGuide
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 # Twice the closed-form step, until it overshoots for the first time.
@@ -74,7 +74,7 @@ class RefinedGuide(PyroModule):
 
     def __init__(
         self,
-        start: DirectionStart,
+        start: Initializer,
         model: SpatialCGMM,
         config: RefinementConfig = RefinementConfig(),
     ) -> None:
@@ -82,7 +82,7 @@ class RefinedGuide(PyroModule):
         if not hasattr(start, "log_weights"):
             raise InputError(
                 f"RefinedGuide: {type(start).__name__} has no 'log_weights' to start at; give one of networks, such "
-                "as a system's, or a BlindStart."
+                "as a system's, or a UninformedInitializer."
             )
         found = getattr(start, "num_sources", model.num_sources) + config.extra_classes
         if found != model.num_sources:
@@ -99,9 +99,9 @@ class RefinedGuide(PyroModule):
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
         self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
 
-    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FittedPosterior:
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FixedGuide:
         """A guide of these clips, to be used more than once without climbing again."""
-        return FittedPosterior(self.parameters_of(x_bfmt, image_bcij))
+        return FixedGuide(self.parameters_of(x_bfmt, image_bcij))
 
     @torch.no_grad()
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
@@ -121,7 +121,7 @@ class RefinedGuide(PyroModule):
             activation_bkij=activation_bkij + _over_columns(point.log_w_bkd - mu_bkd, activation_bkij),
         )
 
-    def _ascent(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixtureAscent:
+    def _ascent(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MapEM:
         config = self.config
         return model_ascent(
             self.model,
@@ -132,7 +132,7 @@ class RefinedGuide(PyroModule):
             prior_mean=config.image_weight * mu_bkd,
         )
 
-    def _climb(self, ascent: MixtureAscent, log_w_bkd: Tensor, pi_bk: Tensor) -> MixturePoint:
+    def _climb(self, ascent: MapEM, log_w_bkd: Tensor, pi_bk: Tensor) -> MapEMState:
         point = ascent.step(log_w_bkd, pi_bk)
         climbing_b = torch.ones_like(point.objective_b, dtype=torch.bool)
         stretch_b = torch.full_like(point.objective_b, OVERRELAXATION)

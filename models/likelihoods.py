@@ -12,7 +12,7 @@ from pyro.distributions import TorchDistribution
 from torch import Tensor
 
 from avssl_pyro.distributions.activity_mixture import ActivityMixture
-from avssl_pyro.distributions.map_em import Tail
+from avssl_pyro.distributions.map_em import DensityGenerator
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.distributions.student_mixture import StudentMixture
@@ -45,9 +45,9 @@ class ProfiledGaussian:
     ) -> SpatialMixture:
         return SpatialMixture(template_dfmm, w_bkd, pi_bk, num_frames=num_frames, diffuse=diffuse)
 
-    def tail(self, observed: ObservedSpectrogram) -> Tail:
-        """For :class:`avssl_pyro.distributions.map_em.MixtureAscent`."""
-        return Tail(observed.num_microphones, observed.num_microphones * observed.floor_b)
+    def tail(self, observed: ObservedSpectrogram) -> DensityGenerator:
+        """For :class:`avssl_pyro.distributions.map_em.MapEM`."""
+        return DensityGenerator(observed.num_microphones, observed.num_microphones * observed.floor_b)
 
 
 @dataclass(frozen=True)
@@ -80,11 +80,11 @@ class InverseGammaPsd:
             diffuse=diffuse,
         )
 
-    def tail(self, observed: ObservedSpectrogram) -> Tail:
-        """For :class:`avssl_pyro.distributions.map_em.MixtureAscent`."""
+    def tail(self, observed: ObservedSpectrogram) -> DensityGenerator:
+        """For :class:`avssl_pyro.distributions.map_em.MapEM`."""
         largest = torch.finfo(observed.floor_b.dtype).max ** 0.5
         offset_b = (math.log(self.scale) - 2 * observed.log_scale_b).exp().clamp_max(largest)
-        return Tail(observed.num_microphones + self.shape, torch.maximum(offset_b, observed.floor_b))
+        return DensityGenerator(observed.num_microphones + self.shape, torch.maximum(offset_b, observed.floor_b))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,9 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.datasets.generation import generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.simulation.scenes import SceneSimulator
+
+# Makes tests/support importable here and, since they inherit sys.path, in worker processes.
+sys.path.insert(0, str(Path(__file__).parent / "support"))
 
 NUM_SCENES = 10
 

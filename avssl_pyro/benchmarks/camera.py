@@ -6,12 +6,12 @@ import numpy as np
 
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.clip import SAMPLE_RATE, Clip
-from avssl_pyro.io.clip_files import fit_image
 from avssl_pyro.diagnosis.camera import judge, orientation_search
 from avssl_pyro.diagnosis.finding import Severity
-from avssl_pyro.systems.system import System
+from avssl_pyro.io.clip_files import fit_image
 from avssl_pyro.simulation.camera import Camera
 from avssl_pyro.simulation.recordings import RecordingSimulator
+from avssl_pyro.systems.system import System
 
 WINDOW_S = 1.0
 TOLERATED_DEG = 5.0

@@ -9,20 +9,19 @@ from typing import Any
 import numpy as np
 from torch import Tensor, nn
 
-from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
-from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.benchmarks.comparison import Scene, tune_and_decide
 from avssl_pyro.benchmarks.comparison import observe as observe_all
-from avssl_pyro.evaluation.metrics import bootstrap_count_accuracy, bootstrap_f_measure, evaluate
 from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
+from avssl_pyro.criticism.compatibility import Combination, sampled_elbo
+from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
+from avssl_pyro.distributions.seeded import seeded
+from avssl_pyro.evaluation.metrics import bootstrap_count_accuracy, bootstrap_f_measure, evaluate
 from avssl_pyro.evaluation.tables import HEADLINE_TOLERANCE_DEG
 from avssl_pyro.guides.base import GuideParameters
-from avssl_pyro.guides.per_clip import PerSceneConfig, PerSceneGuide
-from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.gaussian_families import LowRank, MeanField
-from avssl_pyro.criticism.compatibility import Combination, sampled_elbo
+from avssl_pyro.guides.per_clip import PerClipConfig, PerClipGuide
+from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.systems.system import System
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, Likelihood, ProfiledGaussian
 from avssl_pyro.models.priors import (
     CircularWeights,
@@ -38,10 +37,11 @@ from avssl_pyro.models.priors import (
     SymmetricDirichlet,
 )
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+from avssl_pyro.systems.system import System
 
 ELBO_DRAWS = 8
 CLIPS_AT_A_TIME = 16
-PER_SCENE = PerSceneConfig(steps=60)
+PER_SCENE = PerClipConfig(steps=60)
 
 GuideMaker = Callable[[System, SpatialCGMM], Any]
 
@@ -57,14 +57,14 @@ def refined(system: System, model: SpatialCGMM) -> RefinedGuide:
     return RefinedGuide(system.guide, model)
 
 
-def mean_field(system: System, model: SpatialCGMM) -> PerSceneGuide:
+def mean_field(system: System, model: SpatialCGMM) -> PerClipGuide:
     """Pyro's AutoNormal, from the refined posterior of the system's own model."""
-    return PerSceneGuide(RefinedGuide(system.guide, system.model), model, MeanField(), PER_SCENE)
+    return PerClipGuide(RefinedGuide(system.guide, system.model), model, MeanField(), PER_SCENE)
 
 
-def low_rank(system: System, model: SpatialCGMM) -> PerSceneGuide:
+def low_rank(system: System, model: SpatialCGMM) -> PerClipGuide:
     """Pyro's AutoLowRankMultivariateNormal, from the same start."""
-    return PerSceneGuide(RefinedGuide(system.guide, system.model), model, LowRank(), PER_SCENE)
+    return PerClipGuide(RefinedGuide(system.guide, system.model), model, LowRank(), PER_SCENE)
 
 
 @dataclass(frozen=True)

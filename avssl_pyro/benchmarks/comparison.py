@@ -12,11 +12,11 @@ from tqdm import tqdm
 
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.chance import TRIVIAL_ROWS, TrivialRow
 from avssl_pyro.evaluation.matching import Matching, gate_then_assign
 from avssl_pyro.evaluation.methods import Method, Tuned, tune
 from avssl_pyro.evaluation.metrics import Azimuths, bootstrap_count_accuracy, bootstrap_f_measure, summarize, tally
 from avssl_pyro.evaluation.tables import HEADLINE_TOLERANCE_DEG, ResultRow
-from avssl_pyro.evaluation.chance import TRIVIAL_ROWS, TrivialRow
 
 Scene = tuple[Clip, SceneLabels]
 TOLERANCES_DEG = (5.0, 10.0, 15.0, 20.0)

@@ -8,18 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.evaluation.spread_calibration import SpreadErrors, match_spreads
 from avssl_pyro.benchmarks.comparison import MethodRun, Observations, Runs, Scene, observe, tune_and_decide
-from avssl_pyro.evaluation.methods import Method, Tuned
 from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
 from avssl_pyro.evaluation.activity_roc import levels_of
+from avssl_pyro.evaluation.methods import Method, Tuned
+from avssl_pyro.evaluation.spread_calibration import SpreadErrors, match_spreads
 from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 
 BELIEVERS = ("amortized", "refined")
 
 
 @dataclass(frozen=True)
-class Belief:
+class StoredPosterior:
     """What a method's stated certainty and levels are judged by.
 
     Args:
@@ -36,14 +36,14 @@ class Belief:
 
 
 @dataclass(frozen=True)
-class Cell:
+class ConditionResult:
     """Results of all methods on one condition with one array."""
 
     condition: str
     array: str
     microphones: int
     runs: Runs
-    beliefs: tuple[Belief, ...]
+    beliefs: tuple[StoredPosterior, ...]
 
 
 def run_cell(
@@ -53,7 +53,7 @@ def run_cell(
     validation: Iterable[Scene],
     test: Iterable[Scene],
     believers: Sequence[str] = BELIEVERS,
-) -> Cell:
+) -> ConditionResult:
     """Tunes on validation scenes, applies to test scenes, and takes down what the ``believers`` said of themselves.
 
     Raises:
@@ -69,12 +69,12 @@ def run_cell(
         for index, method in enumerate(methods)
         if isinstance(method, PosteriorMethod) and method.name in believers
     )
-    return Cell(condition, array.name, array.num_microphones, runs, beliefs)
+    return ConditionResult(condition, array.name, array.num_microphones, runs, beliefs)
 
 
 def _belief(
     method: PosteriorMethod, setting: SourceThresholds, tuning: Observations, testing: Observations, index: int
-) -> Belief:
+) -> StoredPosterior:
     def spread(observed: Observations) -> SpreadErrors:
         posteriors = observed.by_method[index]
         return match_spreads(observed.references, [select_sources(p, method.grid, setting) for p in posteriors])
@@ -84,10 +84,10 @@ def _belief(
     for labels, posterior in zip(testing.labels, testing.by_method[index], strict=True):
         talking.extend(levels_of(labels.talker_azimuths, posterior, method.grid, setting.peak))
         silent.extend(levels_of(labels.silent_azimuths, posterior, method.grid, setting.peak))
-    return Belief(method.name, spread(tuning), spread(testing), tuple(talking), tuple(silent))
+    return StoredPosterior(method.name, spread(tuning), spread(testing), tuple(talking), tuple(silent))
 
 
-def cell_to_dict(cell: Cell) -> dict[str, Any]:
+def cell_to_dict(cell: ConditionResult) -> dict[str, Any]:
     """A cell as JSON values, angles in degrees; settings become plain dictionaries."""
     return {
         "condition": cell.condition,
@@ -116,7 +116,7 @@ def cell_to_dict(cell: Cell) -> dict[str, Any]:
     }
 
 
-def cell_from_dict(data: Any) -> Cell:
+def cell_from_dict(data: Any) -> ConditionResult:
     """The inverse of :func:`cell_to_dict`, except that settings stay dictionaries.
 
     Raises:
@@ -132,7 +132,7 @@ def cell_from_dict(data: Any) -> Cell:
         for run in data["methods"]
     )
     beliefs = tuple(
-        Belief(
+        StoredPosterior(
             belief["method"],
             _spread_from_dict(belief["validation"]),
             _spread_from_dict(belief["test"]),
@@ -142,7 +142,9 @@ def cell_from_dict(data: Any) -> Cell:
         for belief in data["beliefs"]
     )
     references = tuple(_radians(truth) for truth in data["references_deg"])
-    return Cell(data["condition"], data["array"], int(data["microphones"]), Runs(references, methods), beliefs)
+    return ConditionResult(
+        data["condition"], data["array"], int(data["microphones"]), Runs(references, methods), beliefs
+    )
 
 
 def _degrees(angles: npt.ArrayLike) -> list[float]:

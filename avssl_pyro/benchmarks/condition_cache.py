@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from avssl_pyro.atomic_file import remove_temporaries, write_atomically
+from avssl_pyro.benchmarks.condition import ConditionResult, cell_from_dict, cell_to_dict
 from avssl_pyro.errors import InputError
-from avssl_pyro.benchmarks.condition import Cell, cell_from_dict, cell_to_dict
 
 FORMAT = "avssl-cell/3"
 
 
 @dataclass(frozen=True)
-class CellStore:
+class ConditionCache:
     """A folder with one JSON file per finished cell, named by what it was made of.
 
     Args:
@@ -29,7 +29,7 @@ class CellStore:
         digest = hashlib.sha256(json.dumps({"format": FORMAT, **facts}, sort_keys=True).encode()).hexdigest()
         return self.folder / f"{name}-{digest[:16]}.json"
 
-    def get_or_run(self, name: str, facts: dict[str, Any], run: Callable[[], Cell]) -> Cell:
+    def get_or_run(self, name: str, facts: dict[str, Any], run: Callable[[], ConditionResult]) -> ConditionResult:
         """The kept cell of these facts, or a new one by ``run``, which is then kept.
 
         Raises:
@@ -48,7 +48,7 @@ class CellStore:
         return cell_from_dict(data)
 
 
-def _read(path: Path) -> Cell:
+def _read(path: Path) -> ConditionResult:
     try:
         return cell_from_dict(json.loads(path.read_text(encoding="utf-8")))
     except (KeyError, TypeError, ValueError) as error:

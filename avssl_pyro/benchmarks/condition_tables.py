@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from avssl_pyro.evaluation.spread_calibration import GATE_DEG, Calibration, calibrate
-from avssl_pyro.benchmarks.condition import Cell
-from avssl_pyro.evaluation.tables import ResultTable, TableCell, order_methods
+from avssl_pyro.benchmarks.condition import ConditionResult
 from avssl_pyro.evaluation.activity_roc import WITHIN_DEG, RocCurve, roc_curve
+from avssl_pyro.evaluation.spread_calibration import GATE_DEG, Calibration, calibrate
+from avssl_pyro.evaluation.tables import ResultTable, TableCell, order_methods
 
 CalibrationKey = tuple[str, int, str]
 """Condition, microphones, method."""
 
 
-def calibrations(cells: Iterable[Cell]) -> dict[CalibrationKey, Calibration]:
+def calibrations(cells: Iterable[ConditionResult]) -> dict[CalibrationKey, Calibration]:
     """Calibration of every method's azimuth spread in every cell."""
     return {
         (cell.condition, cell.microphones, belief.method): calibrate(belief.validation, belief.test)
@@ -24,7 +24,7 @@ def calibrations(cells: Iterable[Cell]) -> dict[CalibrationKey, Calibration]:
     }
 
 
-def roc_curves(cells: Iterable[Cell]) -> dict[CalibrationKey, RocCurve | None]:
+def roc_curves(cells: Iterable[ConditionResult]) -> dict[CalibrationKey, RocCurve | None]:
     """How levels tell talkers from silent people, in cells with silent people."""
     return {
         (cell.condition, cell.microphones, belief.method): roc_curve(belief.talking, belief.silent)
@@ -84,7 +84,7 @@ def reliability_table(found: dict[CalibrationKey, Calibration]) -> ResultTable:
     return ResultTable("Predicted and observed azimuth errors", columns, lines, (note,), corner="cell")
 
 
-def talking_table(cells: Sequence[Cell]) -> ResultTable:
+def talking_table(cells: Sequence[ConditionResult]) -> ResultTable:
     """Area under the ROC curve of telling talkers from silent people by level, per array."""
     with_silent = [cell for cell in cells if any(belief.silent for belief in cell.beliefs)]
     curves = roc_curves(with_silent)
@@ -113,7 +113,7 @@ def talking_table(cells: Sequence[Cell]) -> ResultTable:
     return ResultTable("Does the level tell who talks?", columns, lines, notes)
 
 
-def timing_table(cells: Sequence[Cell]) -> ResultTable:
+def timing_table(cells: Sequence[ConditionResult]) -> ResultTable:
     """Wall-clock milliseconds per test clip."""
     times = {
         (cell.condition, cell.microphones, run.name): run.ms_per_clip for cell in cells for run in cell.runs.methods
@@ -160,7 +160,7 @@ def calibration_dicts(found: dict[CalibrationKey, Calibration]) -> list[dict[str
     ]
 
 
-def talking_dicts(cells: Iterable[Cell]) -> list[dict[str, Any]]:
+def talking_dicts(cells: Iterable[ConditionResult]) -> list[dict[str, Any]]:
     """Areas under the ROC curves as JSON values, null where there is none."""
     dicts = []
     for cell in cells:

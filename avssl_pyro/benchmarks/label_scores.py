@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from avssl_pyro.io.dcase import DcaseRow, azimuths_by_frame
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.metrics import Azimuths, Scores, evaluate
 from avssl_pyro.evaluation.tables import ResultTable, TableCell
+from avssl_pyro.io.dcase import DcaseRow, azimuths_by_frame
 
 COLUMNS = ("F", "precision", "recall", "mean error", "right count")
 

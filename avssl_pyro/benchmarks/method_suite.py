@@ -3,13 +3,13 @@
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from avssl_pyro.benchmarks.posterior_method import SOURCE_SETTINGS, PosteriorMethod
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, PEAK_SETTINGS, default_baselines
 from avssl_pyro.evaluation.methods import Method
-from avssl_pyro.benchmarks.posterior_method import SOURCE_SETTINGS, PosteriorMethod
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.localization.audio_only import localizer_by_ear, without_picture
-from avssl_pyro.systems.checkpoint import fingerprint
+from avssl_pyro.localization.audio_only import audio_only_localizer, without_picture
 from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.systems.checkpoint import fingerprint
 from avssl_pyro.systems.system import System
 
 
@@ -21,7 +21,7 @@ def system_band_hz(system: System) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class LineUp:
+class MethodSuite:
     """Baselines and a trained system on the system's array and grid.
 
     Args:
@@ -45,7 +45,7 @@ class LineUp:
         config = self.system.config
         grid = config.grid
         localizers = {
-            "audio-only refined": localizer_by_ear(self.system, self.refinement, self.device),
+            "audio-only refined": audio_only_localizer(self.system, self.refinement, self.device),
             "no-audio-net": Localizer(self.without_audio, self.device, uniform_levels=True),
             "amortized": Localizer(self.system, self.device),
         }

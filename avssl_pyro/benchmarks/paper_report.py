@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.benchmarks.condition import Cell
+from avssl_pyro.benchmarks.comparison import score_runs
+from avssl_pyro.benchmarks.condition import ConditionResult
 from avssl_pyro.benchmarks.condition_tables import (
     calibration_dicts,
     calibrations,
@@ -18,9 +19,8 @@ from avssl_pyro.benchmarks.condition_tables import (
     talking_table,
     timing_table,
 )
-from avssl_pyro.benchmarks.comparison import score_runs
-from avssl_pyro.benchmarks.published_results import PAPER_TABLES
 from avssl_pyro.benchmarks.paper_tables import behind, overall_table, paper_tables, sweep_tables
+from avssl_pyro.benchmarks.published_results import PAPER_TABLES
 from avssl_pyro.evaluation.report import markdown, row_dict
 from avssl_pyro.evaluation.tables import ResultRow, ResultTable
 
@@ -38,7 +38,7 @@ class ExperimentReport:
         settings: how they were run, as JSON values.
     """
 
-    cells: tuple[Cell, ...]
+    cells: tuple[ConditionResult, ...]
     rows: tuple[ResultRow, ...]
     settings: dict[str, Any]
 
@@ -126,7 +126,7 @@ class ExperimentReport:
         )
 
 
-def score_cells(cells: Sequence[Cell], settings: dict[str, Any]) -> ExperimentReport:
+def score_cells(cells: Sequence[ConditionResult], settings: dict[str, Any]) -> ExperimentReport:
     """Scores all methods of all cells at every tolerance."""
     rows = [row for cell in cells for row in score_runs(cell.runs, cell.condition, cell.microphones)]
     return ExperimentReport(tuple(cells), tuple(rows), settings)

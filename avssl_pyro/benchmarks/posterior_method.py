@@ -9,7 +9,7 @@ import numpy as np
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import Clip
 from avssl_pyro.evaluation.metrics import Azimuths
-from avssl_pyro.localization.posterior import ScenePosterior, SourceThresholds, select_sources
+from avssl_pyro.localization.posterior import ClipPosterior, SourceThresholds, select_sources
 
 LEVELS = (0.01, 0.02, 0.04, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25)
 PEAKS = (0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
@@ -39,12 +39,12 @@ class PosteriorMethod:
     """
 
     name: str
-    posteriors: Callable[[Sequence[Clip]], Iterable[ScenePosterior]]
+    posteriors: Callable[[Sequence[Clip]], Iterable[ClipPosterior]]
     grid: DirectionGrid
     batch_size: int = 32
     settings: Sequence[SourceThresholds] = field(default=SOURCE_SETTINGS, repr=False)
 
-    def observe_all(self, clips: Iterable[Clip]) -> list[ScenePosterior]:
+    def observe_all(self, clips: Iterable[Clip]) -> list[ClipPosterior]:
         # Activation maps are by far the largest part of a posterior and no threshold looks at them.
         return [
             replace(posterior, activations_kij=None)
@@ -52,5 +52,5 @@ class PosteriorMethod:
             for posterior in self.posteriors(batch)
         ]
 
-    def decide(self, observation: ScenePosterior, setting: SourceThresholds) -> Azimuths:
+    def decide(self, observation: ClipPosterior, setting: SourceThresholds) -> Azimuths:
         return np.array([source.azimuth for source in select_sources(observation, self.grid, setting)])

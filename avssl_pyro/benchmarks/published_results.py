@@ -11,7 +11,7 @@ MICROPHONES = (2, 4, 6)
 TALKERS = (2, 3)
 PROPOSED = "Proposed"
 
-Cell = tuple[int, int]
+ConditionResult = tuple[int, int]
 """Number of microphones and number of talkers."""
 
 
@@ -29,10 +29,10 @@ class PaperTable:
     number: str
     measure: str
     condition: str
-    figures: Mapping[str, Mapping[Cell, float]]
+    figures: Mapping[str, Mapping[ConditionResult, float]]
 
 
-def _row(*figures: float | None) -> dict[Cell, float]:
+def _row(*figures: float | None) -> dict[ConditionResult, float]:
     cells = [(microphones, talkers) for microphones in MICROPHONES for talkers in TALKERS]
     return {cell: figure for cell, figure in zip(cells, figures, strict=True) if figure is not None}
 

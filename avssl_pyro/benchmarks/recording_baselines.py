@@ -8,12 +8,12 @@ from tqdm import tqdm
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import Clip
-from avssl_pyro.io.dcase import FRAME_S
-from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.methods import plain_and_tuned
 from avssl_pyro.evaluation.metrics import Azimuths
 from avssl_pyro.evaluation.peaks import PeakSetting
+from avssl_pyro.io.dcase import FRAME_S
+from avssl_pyro.recordings.recording import Recording
 
 NOBODY: Azimuths = np.zeros(0)
 

@@ -6,19 +6,19 @@ from math import ceil
 import numpy as np
 import numpy.typing as npt
 
+from avssl_pyro.benchmarks.tracking import TrackedRecording
 from avssl_pyro.clip import SAMPLE_RATE, Clip
-from avssl_pyro.benchmarks.tracking import Recording
-from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.tracking.tracker import WindowDetections
+from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 from avssl_pyro.simulation.moving_audio import MovingAudioConfig, render_moving
 from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
+from avssl_pyro.tracking.tracker import WindowDetections
 
 BATCH = 16
 
 
 @dataclass(frozen=True)
-class HeardRecordings:
+class RenderedRecordings:
     """Recordings whose detections come from a localizer.
 
     Args:
@@ -38,15 +38,15 @@ class HeardRecordings:
     count: int = 3
     seed: int = 0
 
-    def draw(self, index: int) -> Recording:
-        """Recording ``index``; a talker is in the windows it fills half of, where it is in their middle."""
+    def draw(self, index: int) -> TrackedRecording:
+        """TrackedRecording ``index``; a talker is in the windows it fills half of, where it is in their middle."""
         rng = np.random.default_rng([self.seed, index])
         talkers = draw_moving_talkers(self.talkers, rng)
         audio_mn = render_moving(talkers, self.localizer.config.array, self.audio, rng)
         instants = ceil(self.window_s / self.talkers.step_s)
         starts = range(len(talkers.times_s) - instants + 1)
         truth = [_truth(talkers, slice(t, t + instants)) for t in starts]
-        return Recording(truth, self._windows(audio_mn, [float(talkers.times_s[t]) for t in starts]))
+        return TrackedRecording(truth, self._windows(audio_mn, [float(talkers.times_s[t]) for t in starts]))
 
     def _windows(self, audio_mn: npt.NDArray[np.float32], starts_s: list[float]) -> list[WindowDetections]:
         length = round(self.window_s * SAMPLE_RATE)

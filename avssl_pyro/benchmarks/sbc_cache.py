@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.errors import InputError
 from avssl_pyro.benchmarks.sbc_toy_model import SmallSystem
 from avssl_pyro.criticism.sbc import Sampler, run_trials
+from avssl_pyro.errors import InputError
 
 FORMAT = "avssl-calibration/1"
 

@@ -11,12 +11,12 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.criticism.sbc import Sampler
-from avssl_pyro.guides.initializers import BlindStart
-from avssl_pyro.guides.per_clip import PerSceneConfig, PerSceneGuide
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.guides.gaussian_families import LowRank, MeanField
+from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.nuts import NutsConfig, sample_posteriors
+from avssl_pyro.guides.per_clip import PerClipConfig, PerClipGuide
 from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from
+from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -69,13 +69,13 @@ class SmallSystem:
     def refined(self) -> RefinedGuide:
         """Started blind, and taken all the way."""
         config = RefinementConfig(rounds=200, tolerance=1e-6, softening=1.0)
-        return RefinedGuide(BlindStart(self.num_sources, self.grid), self.model(), config)
+        return RefinedGuide(UninformedInitializer(self.num_sources, self.grid), self.model(), config)
 
     def samplers(self, steps: int = 100) -> dict[str, Sampler]:
         """Posteriors by name, from quick to slow; those fitted by gradients take so many steps, low rank twice."""
         model, refined = self.model(), self.refined()
-        mean_field = PerSceneGuide(refined, model, MeanField(), PerSceneConfig(steps))
-        low_rank = PerSceneGuide(mean_field, model, LowRank(rank=4), PerSceneConfig(2 * steps))
+        mean_field = PerClipGuide(refined, model, MeanField(), PerClipConfig(steps))
+        low_rank = PerClipGuide(mean_field, model, LowRank(rank=4), PerClipConfig(2 * steps))
         config = NutsConfig(draws=self.draws * self.thinning, warmup=self.warmup, chains=1)
 
         def by_guide(guide: nn.Module) -> Sampler:

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.benchmarks.separation_methods import Estimates, SeparationMethod
-from avssl_pyro.evaluation.si_sdr import si_sdr
 from avssl_pyro.benchmarks.talker_mixtures import TalkerMixture, draw_mixture
+from avssl_pyro.evaluation.si_sdr import si_sdr
 from avssl_pyro.simulation.scenes import SceneSimulator
 
 UNPROCESSED = "one microphone"

@@ -10,11 +10,11 @@ import torch
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.stft import StftConfig, istft, stft
-from avssl_pyro.evaluation.matching import angular_errors, gate_then_assign
 from avssl_pyro.benchmarks.talker_mixtures import TalkerMixture
-from avssl_pyro.separation.beamforming import Extraction, delay_and_sum
-from avssl_pyro.localization.posterior import SourceThresholds, select_sources
+from avssl_pyro.evaluation.matching import angular_errors, gate_then_assign
 from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import SourceThresholds, select_sources
+from avssl_pyro.separation.beamforming import Extraction, delay_and_sum
 from avssl_pyro.separation.separator import SeparationConfig, Separator
 
 # One estimate for every talker, (N,); None for a talker who was missed.

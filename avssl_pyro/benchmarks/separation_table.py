@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.evaluation.metrics import Interval, bootstrap_mean
 from avssl_pyro.benchmarks.separation import UNPROCESSED, Improvements
+from avssl_pyro.evaluation.metrics import Interval, bootstrap_mean
 from avssl_pyro.evaluation.tables import ResultTable, TableCell
 
 # What each way did, by its name, for every mixture.

@@ -6,8 +6,8 @@ import numpy as np
 
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.localization.posterior import LocalizedSource
-from avssl_pyro.tracking.tracker import WindowDetections
 from avssl_pyro.simulation.moving_talkers import MovingTalkers
+from avssl_pyro.tracking.tracker import WindowDetections
 
 
 @dataclass(frozen=True)

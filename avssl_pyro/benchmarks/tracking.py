@@ -8,16 +8,16 @@ import numpy as np
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.benchmarks.simulated_detections import DetectorConfig, detect
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores, tracking_scores
-from avssl_pyro.tracking.online import LiveTracker
-from avssl_pyro.tracking.tracker import TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig, draw_moving_talkers
+from avssl_pyro.tracking.online import OnlineTracker
+from avssl_pyro.tracking.tracker import TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
 
 Windows = Sequence[WindowDetections]
 Identified = list[dict[int, float]]
 
 
 @dataclass(frozen=True)
-class Recording:
+class TrackedRecording:
     """Truth and detections of a recording.
 
     Args:
@@ -44,12 +44,12 @@ class SimulatedRecordings:
     count: int = 10
     seed: int = 0
 
-    def draw(self, index: int) -> Recording:
-        """Recording ``index``."""
+    def draw(self, index: int) -> TrackedRecording:
+        """TrackedRecording ``index``."""
         rng = np.random.default_rng([self.seed, index])
         talkers = draw_moving_talkers(self.talkers, rng)
         truth = [talkers.window(t) for t in range(len(talkers.times_s))]
-        return Recording(truth, detect(talkers, self.detector, rng))
+        return TrackedRecording(truth, detect(talkers, self.detector, rng))
 
 
 def alone(windows: Windows) -> Identified:
@@ -89,7 +89,7 @@ def tracked(windows: Windows, config: TrackingConfig) -> Identified:
 
 def tracked_live(windows: Windows, config: TrackingConfig, lag: int) -> Identified:
     """Tracks given ``lag`` later windows."""
-    tracker = LiveTracker(config, step_s=windows[1].time_s - windows[0].time_s, lag=lag)
+    tracker = OnlineTracker(config, step_s=windows[1].time_s - windows[0].time_s, lag=lag)
     answers = [tracker.push(window) for window in windows]
     return [_identities(found) for found in [*answers, *tracker.finish()] if found is not None]
 
@@ -99,7 +99,7 @@ def _identities(found: Sequence[TrackedSource]) -> dict[int, float]:
 
 
 def compare(
-    recordings: Sequence[Recording], config: TrackingConfig, tolerance: float, lag: int
+    recordings: Sequence[TrackedRecording], config: TrackingConfig, tolerance: float, lag: int
 ) -> dict[str, TrackingScores]:
     """Scores of every way to link the same detections, by its name.
 

@@ -27,7 +27,9 @@ from avssl_pyro.acoustics.covariance import spatial_covariance
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.batch import collate_clips
+from avssl_pyro.benchmarks.method_suite import system_band_hz
 from avssl_pyro.clip import CLIP_SAMPLES, IMAGE_COLUMNS, IMAGE_ROWS, Clip
+from avssl_pyro.criticism.closed_form import kl_dirichlet, kl_log_normal
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.generation import generate
 from avssl_pyro.datasets.loader import make_loader
@@ -36,16 +38,14 @@ from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.distributions.profiled_gaussian import component_log_likelihood, observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import default_baselines
-from avssl_pyro.benchmarks.method_suite import system_band_hz
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.criticism.closed_form import kl_dirichlet, kl_log_normal
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.training.process import keep_freed_memory
+from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.systems.pretrained import load_pretrained
 from avssl_pyro.systems.system import System, SystemConfig, build_system
-from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO
-from avssl_pyro.simulation.scenes import SceneSimulator
+from avssl_pyro.training.elbo_terms import TraceMeanFieldELBOWithTerms
+from avssl_pyro.training.process import keep_freed_memory
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def _training(options: BenchmarkOptions) -> dict[str, float]:
     system = build_system(SystemConfig(resolve_array(options.array)))
     batch = collate_clips(_noise(options))
     image_bcij = batch.image_float()
-    loss_module = RecordingMeanFieldELBO()(system.model, system.guide).train()
+    loss_module = TraceMeanFieldELBOWithTerms()(system.model, system.guide).train()
     optimizer = torch.optim.AdamW(loss_module.parameters())
 
     def step(loss: Callable[[Tensor, Tensor], Tensor]) -> None:

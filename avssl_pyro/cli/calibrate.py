@@ -12,10 +12,10 @@ from rich.table import Table
 from tqdm import tqdm
 
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.errors import InputError
-from avssl_pyro.benchmarks.sbc_toy_model import SmallSystem
 from avssl_pyro.benchmarks.sbc_cache import CalibrationStore
+from avssl_pyro.benchmarks.sbc_toy_model import SmallSystem
 from avssl_pyro.criticism.sbc import Uniformity, rank_histogram, uniformity
+from avssl_pyro.errors import InputError
 from avssl_pyro.viz.rank_histograms import save_rank_histograms
 
 

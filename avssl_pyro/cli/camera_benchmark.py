@@ -13,10 +13,10 @@ from rich.table import Table
 from tqdm import tqdm
 
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.cli.chosen_system import choose_system
-from avssl_pyro.cli.material import MaterialOptions
-from avssl_pyro.errors import InputError
 from avssl_pyro.benchmarks.camera import CameraExperiment, CameraTrial
+from avssl_pyro.cli.chosen_system import choose_system
+from avssl_pyro.cli.material import AssetOptions
+from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.camera import Camera
 from avssl_pyro.simulation.moving_people import MovingPeopleConfig
 
@@ -36,7 +36,7 @@ class CameraBenchmarkOptions:
     """Array that hears them: a preset or a YAML file."""
     checkpoint: Path | None = None
     """Checkpoint of svi_train.py for this array; by default the weights that come with the package."""
-    material: Annotated[MaterialOptions, tyro.conf.arg(name="")] = field(default_factory=MaterialOptions)
+    material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     standing_share: float = MovingPeopleConfig.standing_share
     """Of the people, by chance, who never walk. Two talkers who both stand for the whole recording look the same in a
     picture that is mirrored and turned so that they change places: no search can tell."""

@@ -12,17 +12,17 @@ from rich.table import Table
 
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import stft
-from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.batch import collate_clips
-from avssl_pyro.errors import InputError
+from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.criticism.elbo_comparison import (
     Difference,
     explicit_mask_differences,
     mean_field_differences,
     sampled_agreement,
 )
-from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.scenes import SceneSimulator
+from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
 
 MAX_STANDARD_ERRORS = 4.0
 MAX_RELATIVE = 1e-9

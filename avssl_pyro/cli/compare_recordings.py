@@ -11,21 +11,21 @@ from tqdm import tqdm
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
+from avssl_pyro.benchmarks.recordings import NEAR_DEG, comparison_tables
 from avssl_pyro.cli.train import PRESETS
 from avssl_pyro.clip import Clip
-from avssl_pyro.io.clip_files import read_audio
-from avssl_pyro.recordings.labeled_recordings import LabeledRecording, read_labeled_recordings
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, default_baselines
 from avssl_pyro.evaluation.methods import plain_and_tuned
 from avssl_pyro.evaluation.metrics import Azimuths
 from avssl_pyro.evaluation.peaks import PeakSetting
-from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
-from avssl_pyro.benchmarks.recordings import NEAR_DEG, comparison_tables
 from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.localization.audio_only import localizer_by_ear
+from avssl_pyro.io.clip_files import read_audio
+from avssl_pyro.localization.audio_only import audio_only_localizer
 from avssl_pyro.localization.posterior import SourceThresholds
+from avssl_pyro.recordings.labeled_recordings import LabeledRecording, read_labeled_recordings
 from avssl_pyro.systems.system import SystemConfig, build_system
 
 OURS = "audio-only refined"
@@ -120,7 +120,7 @@ def _ours(
     preset = PRESETS["two-cores"]
     model = replace(preset.model, num_sources=options.classes)
     system = build_system(SystemConfig(array, model, stft=preset.stft))
-    localizer = localizer_by_ear(system, RefinementConfig(rounds=options.rounds), pause_db=options.pause_db)
+    localizer = audio_only_localizer(system, RefinementConfig(rounds=options.rounds), pause_db=options.pause_db)
     # One by one, for they need not be of equal length.
     method = PosteriorMethod(OURS, localizer.posteriors, system.config.grid, batch_size=1)
     heard = method.observe_all(tqdm(clips, desc=OURS))

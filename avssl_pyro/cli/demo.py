@@ -9,12 +9,12 @@ import tyro
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
 from avssl_pyro.cli.gallery import overlay_of, refining_localizer
 from avssl_pyro.cli.train import PRESETS, train_with
-from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.builtin import TEST, default_dataset
-from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.io.png import save_png
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.systems.checkpoint import load_checkpoint
+from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig
 
 
 @dataclass(frozen=True)

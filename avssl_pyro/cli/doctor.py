@@ -15,20 +15,20 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.cli.placement import PlacementOptions
+from avssl_pyro.cli.placement import AlignmentOptions
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.recordings.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
-from avssl_pyro.io.clip_files import check_channels, read_image
-from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
-from avssl_pyro.errors import InputError
-from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.diagnosis.camera import AS_IT_IS, check_camera
 from avssl_pyro.diagnosis.durations import check_durations
 from avssl_pyro.diagnosis.examination import examine
 from avssl_pyro.diagnosis.finding import Finding, Severity
 from avssl_pyro.diagnosis.lag import check_lag, picture_change, sound_energy
 from avssl_pyro.diagnosis.orientation import Turn
+from avssl_pyro.errors import InputError
+from avssl_pyro.io.clip_files import check_channels, read_image
+from avssl_pyro.recordings.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
+from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
+from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.pretrained import load_pretrained
 from avssl_pyro.systems.system import System
 from avssl_pyro.systems.trained_array import check_array
@@ -58,7 +58,7 @@ class DoctorOptions:
     """Checkpoint of svi_train.py, to find out how the camera is turned against the array and whether it is mirrored."""
     camera: bool = False
     """Find that out with the weights that come with the package."""
-    placement: Annotated[PlacementOptions, tyro.conf.arg(name="")] = field(default_factory=PlacementOptions)
+    placement: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
     """How picture and sound lie to each other, as far as known."""
     json: bool = False
     """Print JSON instead of lines."""

@@ -9,19 +9,19 @@ from typing import Literal
 import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.benchmarks.comparison import run_methods, score_runs
+from avssl_pyro.benchmarks.method_suite import MethodSuite, system_band_hz
 from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.tables import make_tables
-from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split, default_dataset
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.labeled_scenes import LabeledScenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ
-from avssl_pyro.benchmarks.comparison import run_methods, score_runs
-from avssl_pyro.benchmarks.method_suite import LineUp, system_band_hz
 from avssl_pyro.evaluation.report import print_table, write_report
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.systems.pretrained import MOST_GENERAL, SHIPPED, load_shipped
+from avssl_pyro.systems.pretrained import MOST_GENERAL, PRETRAINED, load_weights_of
 from avssl_pyro.systems.system import System
 
 
@@ -108,7 +108,9 @@ def _systems(options: EvaluateOptions) -> list[System]:
             raise InputError(
                 "--tables shows every array; leave out --array, and give a --checkpoint of each array or none at all."
             )
-        return load_systems(options.checkpoint) if options.checkpoint else [load_shipped(name) for name in SHIPPED]
+        return (
+            load_systems(options.checkpoint) if options.checkpoint else [load_weights_of(name) for name in PRETRAINED]
+        )
     if len(options.checkpoint) > 1:
         raise InputError(f"{len(options.checkpoint)} checkpoints were given; give one, or add --tables.")
     system, _ = choose_system(next(iter(options.checkpoint), None), options.array, MOST_GENERAL)
@@ -134,7 +136,7 @@ def load_systems(checkpoints: Sequence[Path]) -> list[System]:
     return [by_microphones[microphones] for microphones in sorted(by_microphones)]
 
 
-def _line_ups(options: EvaluateOptions) -> list[LineUp]:
+def _line_ups(options: EvaluateOptions) -> list[MethodSuite]:
     systems = _systems(options)
     without_audio = load_systems(options.no_audio_checkpoint) if options.no_audio_checkpoint else []
     arrays = [system.config.array for system in systems]
@@ -146,7 +148,7 @@ def _line_ups(options: EvaluateOptions) -> list[LineUp]:
             )
     by_array = {system.config.array: system for system in without_audio}
     return [
-        LineUp(
+        MethodSuite(
             system,
             by_array.get(system.config.array, system),
             RefinementConfig(rounds=options.rounds),

@@ -13,12 +13,12 @@ from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.localization.posterior import REFINED_THRESHOLDS, select_sources
+from avssl_pyro.io.png import save_png
 from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import REFINED_THRESHOLDS, select_sources
 from avssl_pyro.systems.pretrained import MOST_GENERAL
 from avssl_pyro.systems.system import System
 from avssl_pyro.viz.overlay import draw_overlay
-from avssl_pyro.io.png import save_png
 
 COLUMN_WIDTH, GAP = 800, 8
 LEAST_DISTANCE_M = 1.0

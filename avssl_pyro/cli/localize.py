@@ -16,18 +16,18 @@ from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.first_look import given
 from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
 from avssl_pyro.clip import Clip
-from avssl_pyro.io.csv_table import read_csv_table
-from avssl_pyro.io.clip_files import read_clip
-from avssl_pyro.io.separated_sound import write_separated
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.io.clip_files import read_clip
+from avssl_pyro.io.csv_table import read_csv_table
+from avssl_pyro.io.separated_sound import write_separated
+from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import (
     ONE_PASS_THRESHOLDS,
     REFINED_THRESHOLDS,
     SourceThresholds,
     select_sources,
 )
-from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.results import result_dict
 from avssl_pyro.separation.separator import Separator
 from avssl_pyro.viz.overlay import save_overlay

@@ -13,21 +13,21 @@ from tqdm import tqdm
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.command import EXIT_INTERRUPTED
-from avssl_pyro.cli.placement import PlacementOptions
+from avssl_pyro.cli.placement import AlignmentOptions
+from avssl_pyro.errors import InputError
+from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.io.dcase import write_dcase
+from avssl_pyro.io.video_writer import check_video_name, has_encoder
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import SourceThresholds
+from avssl_pyro.recordings.discovery import RecordingFiles
 from avssl_pyro.recordings.excerpts import read_excerpts
 from avssl_pyro.recordings.recording import Recording
-from avssl_pyro.recordings.discovery import RecordingFiles
-from avssl_pyro.errors import InputError
-from avssl_pyro.interruption import StopRequest
-from avssl_pyro.localization.posterior import SourceThresholds
-from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.tracking.results import dcase_rows, json_lines
-from avssl_pyro.tracking.window_stream import detect
 from avssl_pyro.tracking.timeline import Timeline, timeline_of_tracks, timeline_of_windows
 from avssl_pyro.tracking.tracker import WindowDetections, track
+from avssl_pyro.tracking.window_stream import detect
 from avssl_pyro.viz.annotated_video import save_annotated_video
-from avssl_pyro.io.video_writer import check_video_name, has_encoder
 
 WINDOW_S = 1.0
 FAST_RATE, REFINED_RATE = 10.0, 2.0
@@ -48,7 +48,7 @@ class RecordingOptions:
     """With --video: results per second, each of one second of sound; by default 2, or 10 with --rounds 0."""
     tracking: bool = True
     """With --video: link the results over time, so that a source keeps its number and a short miss is bridged."""
-    placement: Annotated[PlacementOptions, tyro.conf.arg(name="")] = field(default_factory=PlacementOptions)
+    placement: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
 
     def check_unused(self) -> None:
         """Refuses options of recordings where there is none.
@@ -146,7 +146,7 @@ def localize_recording(
             "pip install 'avssl-pyro[video]' for H.264.",
             file=sys.stderr,
         )
-    with StopRequest() as stop:
+    with GracefulInterrupt() as stop:
         windows = _localize(recording, localizer, thresholds, 1 / rate, stop)
         timeline = _timeline(windows, options.tracking, 1 / rate)
         write_atomically(out, json_lines(timeline, "track" if options.tracking else "source_class").encode())
@@ -178,7 +178,7 @@ def localize_recording(
 
 
 def _localize(
-    recording: Recording, localizer: Localizer, thresholds: SourceThresholds, hop_s: float, stop: StopRequest
+    recording: Recording, localizer: Localizer, thresholds: SourceThresholds, hop_s: float, stop: GracefulInterrupt
 ) -> list[WindowDetections]:
     total = len(recording.window_starts(hop_s, WINDOW_S))
     found: list[WindowDetections] = []
@@ -198,7 +198,7 @@ def _timeline(windows: Sequence[WindowDetections], tracking: bool, hop_s: float)
 
 
 def _draw(
-    path: Path, recording: Recording, timeline: Timeline, localizer: Localizer, refined: bool, stop: StopRequest
+    path: Path, recording: Recording, timeline: Timeline, localizer: Localizer, refined: bool, stop: GracefulInterrupt
 ) -> bool:
     """Draws the annotated video; False if that was interrupted, and no video is there."""
     with tqdm(total=round(recording.end_s, 1), unit="s", desc="drawing", bar_format=BAR_FORMAT) as bar:

@@ -4,19 +4,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.simulation.synthetic_people import ProceduralPerson
 from avssl_pyro.simulation.camera import Camera
 from avssl_pyro.simulation.moving_people import MovingPeopleConfig
 from avssl_pyro.simulation.panoramas import PanoramaFolder, PanoramaSource
 from avssl_pyro.simulation.people import PeopleFolder, PersonSource
 from avssl_pyro.simulation.recordings import RecordingSimulator
-from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.speech import SpeechFolder, SpeechSource
+from avssl_pyro.simulation.synthetic_people import ProceduralPerson
+from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
 
 
 @dataclass(frozen=True)
-class MaterialOptions:
+class AssetOptions:
     """Folders of material; what is made in code stands in for a missing one."""
 
     speech: Path | None = None

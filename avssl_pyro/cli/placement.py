@@ -6,11 +6,11 @@ from typing import Annotated
 import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.recordings.discovery import Placement
+from avssl_pyro.recordings.discovery import Alignment
 
 
 @dataclass(frozen=True)
-class PlacementOptions:
+class AlignmentOptions:
     """How picture and sound lie to each other."""
 
     offset: float = 0.0
@@ -22,7 +22,7 @@ class PlacementOptions:
     elevations: Annotated[tuple[float, float] | None, tyro.conf.arg(metavar="LOWEST HIGHEST")] = None
     """Elevations in degrees of the picture's bottom and top, if it is no full sphere."""
 
-    def of(self, array: MicrophoneArray) -> Placement:
+    def of(self, array: MicrophoneArray) -> Alignment:
         """That, with the channels that an array names."""
         channels = array.channels and array.channel_indices
-        return Placement(self.offset, self.yaw, self.mirror, self.elevations, channels)
+        return Alignment(self.offset, self.yaw, self.mirror, self.elevations, channels)

@@ -10,20 +10,20 @@ import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.cli.placement import PlacementOptions
-from avssl_pyro.io.dcase import DcaseRow
+from avssl_pyro.cli.placement import AlignmentOptions
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD
-from avssl_pyro.recordings.preparation import CuttingConfig, Prepared, prepare
-from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.errors import InputError
+from avssl_pyro.io.dcase import DcaseRow
 from avssl_pyro.recordings.discovery import (
     RecordingFiles,
     read_recording_list,
     recordings_in_folder,
     unique_names,
 )
+from avssl_pyro.recordings.preparation import CuttingConfig, Prepared, prepare
+from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.recordings.split import ByRecording, ByTime, NoSplit, Splitter
 from avssl_pyro.recordings.starss23 import list_starss
-from avssl_pyro.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class PrepareOptions:
     """Which of STARSS23's audio: the microphones or first-order ambisonics."""
     split: Literal["dev-train", "dev-test"] = "dev-train"
     """Which part of STARSS23."""
-    placement: Annotated[PlacementOptions, tyro.conf.arg(name="")] = field(default_factory=PlacementOptions)
+    placement: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
     clip_seconds: float = 1.0
     """Length of a clip."""
     hop: float | None = None

@@ -8,17 +8,17 @@ import numpy as np
 import tyro
 
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.io.audio_stream import AudioFile
-from avssl_pyro.io.dcase import FRAME_S, DcaseRow, read_dcase
-from avssl_pyro.io.clip_files import check_channels
-from avssl_pyro.recordings.recording import Recording
-from avssl_pyro.errors import InputError
 from avssl_pyro.benchmarks.label_scores import azimuths_of_frames, score_table
+from avssl_pyro.benchmarks.recording_baselines import baselines_of_recording
+from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.chance import RandomAtTrueCount
 from avssl_pyro.evaluation.metrics import Azimuths
 from avssl_pyro.evaluation.peaks import PeakSetting
-from avssl_pyro.benchmarks.recording_baselines import baselines_of_recording
 from avssl_pyro.evaluation.report import print_tables
-from avssl_pyro.evaluation.chance import RandomAtTrueCount
+from avssl_pyro.io.audio_stream import AudioFile
+from avssl_pyro.io.clip_files import check_channels
+from avssl_pyro.io.dcase import FRAME_S, DcaseRow, read_dcase
+from avssl_pyro.recordings.recording import Recording
 
 TUNED_DEG = 10.0
 

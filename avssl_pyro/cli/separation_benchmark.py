@@ -9,10 +9,6 @@ import tyro
 from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.cli.chosen_system import choose_system
-from avssl_pyro.cli.material import MaterialOptions
-from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.benchmarks.separation import SeparationExperiment
 from avssl_pyro.benchmarks.separation_methods import (
     DelayAndSumAtTruth,
@@ -21,14 +17,18 @@ from avssl_pyro.benchmarks.separation_methods import (
     SeparationMethod,
 )
 from avssl_pyro.benchmarks.separation_table import separation_table
+from avssl_pyro.cli.chosen_system import choose_system
+from avssl_pyro.cli.material import AssetOptions
+from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.separation.beamforming import Masking, Mvdr
-from avssl_pyro.localization.posterior import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
 from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
+from avssl_pyro.separation.beamforming import Masking, Mvdr
 from avssl_pyro.separation.separator import SeparationConfig, Separator
-from avssl_pyro.systems.system import System
 from avssl_pyro.simulation.layout import SOME_SILENT, Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
+from avssl_pyro.systems.system import System
 
 OURS = "refined: Wiener"
 BASELINE = "delay and sum at the truth"
@@ -50,7 +50,7 @@ class SeparationBenchmarkOptions:
     """Array that hears them: a preset or a YAML file."""
     checkpoint: Path | None = None
     """Checkpoint of svi_train.py for this array; by default the weights that come with the package."""
-    material: Annotated[MaterialOptions, tyro.conf.arg(name="")] = field(default_factory=MaterialOptions)
+    material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     seed: int = 0
     """Of the scenes."""
 

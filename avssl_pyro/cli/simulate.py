@@ -11,7 +11,7 @@ import joblib
 import tyro
 
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.cli.material import MaterialOptions
+from avssl_pyro.cli.material import AssetOptions
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.encoding import LabeledScene
@@ -19,10 +19,10 @@ from avssl_pyro.datasets.generation import SCENES_PER_SHARD, generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.datasets.verification import verify
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.png import write_png
 from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.viz.contact_sheet import contact_sheet
-from avssl_pyro.io.png import write_png
 
 PREVIEW_SCENES = 12
 EXIT_UNSOUND = 1
@@ -41,7 +41,7 @@ class SimulateOptions:
     """How many scenes."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
     """all-speak: two or three people, all talking; some-silent: two to four people, two or three of them talking."""
-    material: Annotated[MaterialOptions, tyro.conf.arg(name="")] = field(default_factory=MaterialOptions)
+    material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     array: str = "circle246"
     """Microphones to render: a preset or a YAML file. circle246 can be read as circle2, circle4 or circle6 later."""
     seed: int = 0

@@ -17,14 +17,14 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.steering_kinds import AmbisonicsKind
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.cli.material import MaterialOptions
+from avssl_pyro.cli.material import AssetOptions
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.io.dcase import write_dcase
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.dcase import write_dcase
+from avssl_pyro.io.video_writer import open_video
 from avssl_pyro.simulation.camera import Camera
 from avssl_pyro.simulation.moving_people import MovingPeopleConfig
 from avssl_pyro.simulation.recordings import RecordingSimulator, SimulatedRecording
-from avssl_pyro.io.video_writer import open_video
 
 FRAME_RATE = 30_000 / 1001
 # STARSS23's own folds of these splits.
@@ -53,7 +53,7 @@ class SimulateRecordingOptions:
     """Same seed, same sound and labels. It is the number of the room in the names of the files."""
     split: Literal["dev-train", "dev-test"] = "dev-test"
     """Where it belongs."""
-    material: Annotated[MaterialOptions, tyro.conf.arg(name="")] = field(default_factory=MaterialOptions)
+    material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     width: int = 1920
     """Columns of the video, which is half as high; a multiple of four."""
     frame_rate: float = FRAME_RATE

@@ -6,14 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.benchmarks.condition import ConditionResult, run_cell
+from avssl_pyro.benchmarks.condition_cache import ConditionCache
+from avssl_pyro.benchmarks.condition_tables import roc_curves
+from avssl_pyro.benchmarks.method_suite import MethodSuite
+from avssl_pyro.benchmarks.paper_report import NOWHERE_BEHIND, ExperimentReport, score_cells
+from avssl_pyro.benchmarks.published_results import ALL_SPEAK, SOME_SILENT
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split
 from avssl_pyro.datasets.labeled_scenes import LabeledScenes
-from avssl_pyro.benchmarks.condition import Cell, run_cell
-from avssl_pyro.benchmarks.condition_cache import CellStore
-from avssl_pyro.benchmarks.condition_tables import roc_curves
-from avssl_pyro.benchmarks.paper_report import NOWHERE_BEHIND, ExperimentReport, score_cells
-from avssl_pyro.benchmarks.method_suite import LineUp
-from avssl_pyro.benchmarks.published_results import ALL_SPEAK, SOME_SILENT
 from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.evaluation.tables import HEADLINE_TOLERANCE_DEG
 from avssl_pyro.viz.roc import Curve, save_roc
@@ -24,14 +24,14 @@ ScenesOf = Callable[[str, Split, MicrophoneArray], LabeledScenes]
 """Scenes of a condition and a split, read as an array."""
 
 
-def make_tables(line_ups: Sequence[LineUp], scenes_of: ScenesOf, out: Path) -> None:
+def make_tables(line_ups: Sequence[MethodSuite], scenes_of: ScenesOf, out: Path) -> None:
     """Runs what is not yet in ``out/cells``, prints the tables and writes tables.json, tables.md and roc.png.
 
     Raises:
         InputError, OSError: a scene cannot be read, a kept cell is damaged, or a file cannot be written.
     """
-    store = CellStore(out / "cells")
-    cells: list[Cell] = []
+    store = ConditionCache(out / "cells")
+    cells: list[ConditionResult] = []
     settings: list[dict[str, Any]] = []
     places = [(condition, line_up) for condition in CONDITIONS for line_up in line_ups]
     # Opened before anything is run, so that a missing folder is told at once and not after the first cell.
@@ -59,11 +59,11 @@ def make_tables(line_ups: Sequence[LineUp], scenes_of: ScenesOf, out: Path) -> N
     _print(report, out)
 
 
-def _run(condition: str, line_up: LineUp, validation: LabeledScenes, test: LabeledScenes) -> Cell:
+def _run(condition: str, line_up: MethodSuite, validation: LabeledScenes, test: LabeledScenes) -> ConditionResult:
     return run_cell(condition, line_up.system.config.array, line_up.methods(), validation, test)
 
 
-def _roc_panels(cells: Sequence[Cell]) -> dict[str, dict[str, Curve]]:
+def _roc_panels(cells: Sequence[ConditionResult]) -> dict[str, dict[str, Curve]]:
     panels: dict[str, dict[str, Curve]] = {
         f"M = {cell.microphones}": {} for cell in cells if cell.condition == SOME_SILENT
     }

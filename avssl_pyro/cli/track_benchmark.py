@@ -11,17 +11,17 @@ from rich.table import Table
 from tqdm import tqdm
 
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.errors import InputError
-from avssl_pyro.benchmarks.rendered_recordings import HeardRecordings
+from avssl_pyro.benchmarks.rendered_recordings import RenderedRecordings
 from avssl_pyro.benchmarks.simulated_detections import DetectorConfig
 from avssl_pyro.benchmarks.tracking import SimulatedRecordings, compare
+from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.localization.audio_only import localizer_by_ear
-from avssl_pyro.systems.system import ModelConfig, SystemConfig, build_system
-from avssl_pyro.tracking.tracker import TrackingConfig
+from avssl_pyro.localization.audio_only import audio_only_localizer
 from avssl_pyro.simulation.moving_audio import MovingAudioConfig
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig
+from avssl_pyro.systems.system import ModelConfig, SystemConfig, build_system
+from avssl_pyro.tracking.tracker import TrackingConfig
 
 
 @dataclass(frozen=True)
@@ -66,10 +66,10 @@ def _simulated(options: TrackBenchmarkOptions) -> SimulatedRecordings:
     return SimulatedRecordings(options.talkers, options.detector, options.recordings, options.seed)
 
 
-def _heard(options: TrackBenchmarkOptions) -> HeardRecordings:
+def _heard(options: TrackBenchmarkOptions) -> RenderedRecordings:
     system = build_system(SystemConfig(resolve_array(options.array), ModelConfig(num_sources=options.classes)))
-    localizer = localizer_by_ear(system, RefinementConfig(rounds=options.rounds))
-    return HeardRecordings(
+    localizer = audio_only_localizer(system, RefinementConfig(rounds=options.rounds))
+    return RenderedRecordings(
         localizer, talkers=options.talkers, audio=options.audio, count=options.recordings, seed=options.seed
     )
 

@@ -16,22 +16,22 @@ from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.first_look import given
-from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.builtin import TRAIN, default_dataset
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.training.divergence import TrainingDivergedError
-from avssl_pyro.training.process import keep_freed_memory
-from avssl_pyro.systems.pretrained import MOST_GENERAL, SHIPPED, load_shipped
-from avssl_pyro.training.distillation import TargetConfig
-from avssl_pyro.training.metrics_logger import read_log
+from avssl_pyro.systems.pretrained import MOST_GENERAL, PRETRAINED, load_weights_of
 from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
-from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO, RecordingTraceELBO
-from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig, train
+from avssl_pyro.training.distillation import DistillationConfig
+from avssl_pyro.training.divergence import TrainingDivergedError
+from avssl_pyro.training.elbo_terms import TraceELBOWithTerms, TraceMeanFieldELBOWithTerms
+from avssl_pyro.training.metrics_logger import read_log
+from avssl_pyro.training.process import keep_freed_memory
 from avssl_pyro.training.state import STATE_NAME
+from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig, train
 from avssl_pyro.viz.curves import save_curves
 
-ESTIMATORS = {"mean-field": RecordingMeanFieldELBO, "trace": RecordingTraceELBO}
+ESTIMATORS = {"mean-field": TraceMeanFieldELBOWithTerms, "trace": TraceELBOWithTerms}
 RUN_NAME = "run.json"
 ARRAY_OF_DATA = "data"
 EXIT_DIVERGED = 1
@@ -70,7 +70,7 @@ class TrainOptions:
     model: ModelConfig = field(default_factory=ModelConfig)
     guide: GuideConfig = field(default_factory=GuideConfig)
     stft: StftConfig = field(default_factory=StftConfig)
-    targets: TargetConfig = field(default_factory=TargetConfig)
+    targets: DistillationConfig = field(default_factory=DistillationConfig)
     optimization: OptimizationConfig = field(default_factory=OptimizationConfig)
     accelerator: Literal["auto", "cpu", "cuda"] = "auto"
     """Lightning Fabric accelerator: auto is cuda if there is one, else cpu."""
@@ -89,7 +89,7 @@ _FAST = TrainOptions(
     model=ModelConfig(num_sources=9, bin_weight=3.0),
     guide=GuideConfig(diffuse_class=True, anchor_gain=3.0, augment=True),
     stft=StftConfig(hop=256, low_hz=200.0, high_hz=4000.0, bin_step=2),
-    targets=TargetConfig(weight=0.03, level_weight=4.0),
+    targets=DistillationConfig(weight=0.03, level_weight=4.0),
 )
 PRESETS: dict[str, TrainOptions] = {
     "quick": replace(_FAST, optimization=OptimizationConfig(epochs=3)),
@@ -162,8 +162,8 @@ def train_with(options: TrainOptions) -> None:
 def _start(file_or_name: str) -> System:
     """A checkpoint by path, or shipped weights by name."""
     path = Path(file_or_name)
-    if file_or_name in SHIPPED and not path.exists():
-        return load_shipped(file_or_name)
+    if file_or_name in PRETRAINED and not path.exists():
+        return load_weights_of(file_or_name)
     return load_checkpoint(path)
 
 

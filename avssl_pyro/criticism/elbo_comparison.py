@@ -9,11 +9,11 @@ import torch
 from pyro.infer import TraceEnum_ELBO
 from torch import Tensor
 
-from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.criticism.closed_form import ClosedFormTerms, closed_form_terms
-from avssl_pyro.systems.system import System
-from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO, RecordingTraceELBO
+from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
+from avssl_pyro.systems.system import System
+from avssl_pyro.training.elbo_terms import TraceELBOWithTerms, TraceMeanFieldELBOWithTerms
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class SampledAgreement:
 
 def mean_field_differences(system: System, x_bfmt: Tensor, image_bcij: Tensor, seed: int = 0) -> list[Difference]:
     """TraceMeanField_ELBO against Eqs. (13)-(16) at one seed: every term, the loss, every gradient of the guide."""
-    estimator = RecordingMeanFieldELBO()
+    estimator = TraceMeanFieldELBOWithTerms()
     loss_module = estimator(system.model, system.guide)
     loss, gradient = _evaluate(system, seed, lambda: loss_module(x_bfmt, image_bcij))
     assert estimator.terms is not None
@@ -88,7 +88,7 @@ def explicit_mask_differences(system: System, x_bfmt: Tensor, image_bcij: Tensor
             system.model.bin_weight,
         )
     enumerated = TraceEnum_ELBO(max_plate_nesting=3)(explicit, system.guide)
-    marginal = RecordingTraceELBO()(system.model, system.guide)
+    marginal = TraceELBOWithTerms()(system.model, system.guide)
     reference_loss, reference_gradient = _evaluate(system, seed, lambda: enumerated(x_bfmt, image_bcij))
     loss, gradient = _evaluate(system, seed, lambda: marginal(x_bfmt, image_bcij))
     return [_difference("loss", reference_loss, loss), _gradient_difference(reference_gradient, gradient)]
@@ -98,7 +98,7 @@ def sampled_agreement(
     system: System, x_bfmt: Tensor, image_bcij: Tensor, draws: int = 50, seed: int = 0
 ) -> SampledAgreement:
     """Trace_ELBO, which samples its KL terms, against the closed form at the same noise, over many draws."""
-    estimator = RecordingTraceELBO()(system.model, system.guide)
+    estimator = TraceELBOWithTerms()(system.model, system.guide)
     losses = torch.empty(2, draws, dtype=torch.float64)
     with torch.no_grad(), pyro.settings.context(module_local_params=True):
         for draw in range(draws):

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.datasets.cache import ensure_dataset
 from avssl_pyro.acoustics.compatibility import matching_channels
+from avssl_pyro.datasets.cache import ensure_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.errors import InputError

@@ -3,8 +3,8 @@
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.diagnosis.finding import Finding, Severity, channels
+from avssl_pyro.recordings.excerpts import Excerpts
 
 CHECK = "clipping"
 # A sine may touch its top with a sample or two, not with three again and again.

@@ -4,8 +4,8 @@ from itertools import combinations
 
 import numpy as np
 
-from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.diagnosis.finding import Finding, Severity, channels
+from avssl_pyro.recordings.excerpts import Excerpts
 
 CHECK = "duplicates"
 # What is left of a channel, in power, when the best multiple of another one is taken away. Two microphones a

@@ -3,14 +3,14 @@
 import numpy as np
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.recordings.excerpts import Excerpts
-from avssl_pyro.errors import InputError
 from avssl_pyro.diagnosis.array_match import check_array_match
 from avssl_pyro.diagnosis.clipping import check_clipping
 from avssl_pyro.diagnosis.duplicates import check_duplicates, find_duplicates
 from avssl_pyro.diagnosis.finding import Finding, Severity
 from avssl_pyro.diagnosis.geometry import check_geometry
 from avssl_pyro.diagnosis.levels import ChannelLevels, check_levels
+from avssl_pyro.errors import InputError
+from avssl_pyro.recordings.excerpts import Excerpts
 
 # The loudest excerpts tell most of directions; more of them cost time and change nothing.
 EXCERPTS_TO_MATCH = 8

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.diagnosis.finding import Finding, Severity, channels
+from avssl_pyro.recordings.excerpts import Excerpts
 
 DEAD_DB = -40.0
 UNEQUAL_DB = 6.0

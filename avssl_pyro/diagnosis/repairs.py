@@ -10,8 +10,8 @@ import numpy.typing as npt
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.errors import InputError
 from avssl_pyro.diagnosis.finding import Severity, channels
+from avssl_pyro.errors import InputError
 
 Audio = npt.NDArray[np.float32]
 

@@ -47,7 +47,7 @@ BISECTIONS = 30
 
 
 @dataclass(frozen=True)
-class Tail:
+class DensityGenerator:
     """log p(x | k) = -power log(x^H P x + offset) - log det H + const, in which the power spectral density is gone.
 
     Args:
@@ -60,7 +60,7 @@ class Tail:
 
 
 @dataclass(frozen=True)
-class MixturePoint:
+class MapEMState:
     """A point of the ascent.
 
     Args:
@@ -80,9 +80,9 @@ class MixturePoint:
         """Mixing levels, (B, K)."""
         return self.counts_bk / self.counts_bk.sum(-1, keepdim=True)
 
-    def choose(self, moves_b: Tensor, other: "MixturePoint") -> "MixturePoint":
+    def choose(self, moves_b: Tensor, other: "MapEMState") -> "MapEMState":
         """The other point for the clips that move, this one for the rest."""
-        return MixturePoint(
+        return MapEMState(
             torch.where(moves_b[:, None, None], other.log_w_bkd, self.log_w_bkd),
             torch.where(moves_b[:, None], other.counts_bk, self.counts_bk),
             torch.where(moves_b, other.log_likelihood_b, self.log_likelihood_b),
@@ -99,7 +99,7 @@ class _Expectation(NamedTuple):
     evidence_bft: Tensor
 
 
-class MixtureAscent:
+class MapEM:
     """Climbs the posterior of a batch of clips.
 
     Args:
@@ -118,7 +118,7 @@ class MixtureAscent:
         observed: ObservedSpectrogram,
         template_dfmm: Tensor,
         diffuse: float,
-        tail: Tail,
+        tail: DensityGenerator,
         prior: LogWeightPrior,
         alpha: Tensor | float,
         weight: float = 1.0,
@@ -135,7 +135,7 @@ class MixtureAscent:
         self._weight = weight
 
     @torch.no_grad()
-    def step(self, log_w_bkd: Tensor, pi_bk: Tensor, stretch_b: Tensor | float = 1.0) -> MixturePoint:
+    def step(self, log_w_bkd: Tensor, pi_bk: Tensor, stretch_b: Tensor | float = 1.0) -> MapEMState:
         """One round: responsibilities at the given point, then levels and weights that explain them better.
 
         Args:
@@ -162,10 +162,10 @@ class MixtureAscent:
         log_w_bkd = torch.lerp(self._center(log_w_bkd), best_bkd, stretch_b11)
         counts_bk = self._weight * count_bfk.sum(-2) + self._alpha
         log_likelihood_b = self._weight * expected.evidence_bft.sum((-2, -1))
-        return MixturePoint(log_w_bkd, counts_bk, log_likelihood_b, log_likelihood_b + log_prior_b)
+        return MapEMState(log_w_bkd, counts_bk, log_likelihood_b, log_likelihood_b + log_prior_b)
 
     @torch.no_grad()
-    def uncertainty(self, point: MixturePoint) -> tuple[Tensor, Tensor]:
+    def uncertainty(self, point: MapEMState) -> tuple[Tensor, Tensor]:
         """Standard deviations of log w at a point, (B, K, D), and concentrations of pi, (B, K).
 
         Both come from the expected information of bins whose masks are not observed, and from the priors.
@@ -182,7 +182,7 @@ class MixtureAscent:
         precision_bkd = self._weight * (square_bkf[..., None] * information_bkfd).sum(-2).clamp_min(0)
         return self._best_spread(point.log_w_bkd, precision_bkd), self._worth(point, square_bkf) * point.counts_bk
 
-    def _worth(self, point: MixturePoint, square_bkf: Tensor) -> Tensor:
+    def _worth(self, point: MapEMState, square_bkf: Tensor) -> Tensor:
         """Share of the counts that would tell as much with masks observed as all of them do without, (B, 1)."""
         pi_bk = point.pi_bk.clamp_min(torch.finfo(point.pi_bk.dtype).tiny)
         bins = self._observed.features_bfct.shape[-3] * self._observed.features_bfct.shape[-1]

@@ -8,7 +8,7 @@ from scipy.stats import rankdata
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.evaluation.matching import angular_errors
-from avssl_pyro.localization.posterior import ScenePosterior, peak_azimuth
+from avssl_pyro.localization.posterior import ClipPosterior, peak_azimuth
 
 # A person with no source class this close has level 0.
 WITHIN_DEG = 15.0
@@ -30,7 +30,7 @@ class RocCurve:
 
 def levels_of(
     people: npt.ArrayLike,
-    posterior: ScenePosterior,
+    posterior: ClipPosterior,
     grid: DirectionGrid,
     least_peak: float,
     within: float = float(np.deg2rad(WITHIN_DEG)),

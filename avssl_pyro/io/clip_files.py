@@ -9,10 +9,10 @@ import soundfile
 from scipy.signal import resample_poly
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.io.audio_stream import check_live, check_samples
 from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS, SAMPLE_RATE, Clip
-from avssl_pyro.io.projection_check import check_equirectangular
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.audio_stream import check_live, check_samples
+from avssl_pyro.io.projection_check import check_equirectangular
 
 MAX_SECONDS = 10.0
 MIN_SECONDS = 0.1

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import torch
 
-from avssl_pyro.guides.initializers import BlindStart
+from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.system import System
@@ -15,7 +15,7 @@ def without_picture(refinement: RefinementConfig) -> RefinementConfig:
     return replace(refinement, image_weight=0.0, softening=1.0)
 
 
-def localizer_by_ear(
+def audio_only_localizer(
     system: System,
     refinement: RefinementConfig,
     device: torch.device | str = "cpu",
@@ -28,5 +28,5 @@ def localizer_by_ear(
         refinement: as with the picture; see :func:`without_picture`.
         device, pause_db: as of :class:`avssl_pyro.localization.localizer.Localizer`.
     """
-    start = BlindStart(system.config.model.num_sources, system.config.grid)
+    start = UninformedInitializer(system.config.model.num_sources, system.config.grid)
     return Localizer(system, device, refinement=without_picture(refinement), start=start, pause_db=pause_db)

@@ -12,9 +12,9 @@ from avssl_pyro.acoustics.stft import loud_frames, stft
 from avssl_pyro.batch import collate_clips
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.base import DirectionStart, GuideParameters, PosteriorGuide
+from avssl_pyro.guides.base import GuideParameters, Initializer, PosteriorGuide
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.localization.posterior import ScenePosterior
+from avssl_pyro.localization.posterior import ClipPosterior
 from avssl_pyro.systems.system import System
 
 DIRECTION_DRAWS = 64
@@ -45,7 +45,7 @@ class Localizer:
         *,
         uniform_levels: bool = False,
         refinement: RefinementConfig | None = None,
-        start: DirectionStart | None = None,
+        start: Initializer | None = None,
         guide: PosteriorGuide | None = None,
         pause_db: float | None = None,
         seed: int = 0,
@@ -67,7 +67,7 @@ class Localizer:
         self.pause_db = pause_db
         self.seed = seed
 
-    def posteriors(self, clips: Sequence[Clip]) -> list[ScenePosterior]:
+    def posteriors(self, clips: Sequence[Clip]) -> list[ClipPosterior]:
         """Posteriors of clips of equal length, in order.
 
         Raises:
@@ -84,7 +84,7 @@ class Localizer:
         batches = [clips] if self.pause_db is None else [[clip] for clip in clips]
         return [posterior for batch in batches for posterior in self._posteriors(batch)]
 
-    def _posteriors(self, clips: Sequence[Clip]) -> list[ScenePosterior]:
+    def _posteriors(self, clips: Sequence[Clip]) -> list[ClipPosterior]:
         batch = collate_clips(clips).to(self.device)
         with torch.no_grad():
             x_bfmt = stft(batch.audio_bmn, self.config.stft)
@@ -96,12 +96,12 @@ class Localizer:
             summary if clip.audio_mn.any() else _silent(summary) for clip, summary in zip(clips, summaries, strict=True)
         ]
 
-    def _summaries(self, parameters: GuideParameters) -> list[ScenePosterior]:
+    def _summaries(self, parameters: GuideParameters) -> list[ClipPosterior]:
         share_bkd = parameters.mu_bkd.softmax(-1)
         level_bk, level_std_bk = self._levels(parameters)
         std_bk = self._azimuth_std(parameters)
         return [
-            ScenePosterior(
+            ClipPosterior(
                 direction_weights_kd=share_bkd[b].double().cpu().numpy(),
                 mixing_levels_k=level_bk[b].double().cpu().numpy(),
                 level_std_k=level_std_bk[b].double().cpu().numpy(),
@@ -132,7 +132,7 @@ class Localizer:
         return torch.from_numpy(np.sqrt(variance_bk))
 
 
-def _silent(posterior: ScenePosterior) -> ScenePosterior:
+def _silent(posterior: ClipPosterior) -> ClipPosterior:
     """What is known of a clip in which nothing sounds, whatever the picture suggests: every direction is alike."""
     k, d = posterior.direction_weights_kd.shape
     return replace(

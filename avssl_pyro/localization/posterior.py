@@ -13,7 +13,7 @@ from avssl_pyro.errors import InputError
 
 
 @dataclass(frozen=True)
-class ScenePosterior:
+class ClipPosterior:
     """What the guide believes about one clip.
 
     Args:
@@ -101,7 +101,7 @@ def peak_azimuth(weights_d: npt.NDArray[np.float64], grid: DirectionGrid) -> flo
 
 
 def select_sources(
-    posterior: ScenePosterior, grid: DirectionGrid, thresholds: SourceThresholds
+    posterior: ClipPosterior, grid: DirectionGrid, thresholds: SourceThresholds
 ) -> tuple[LocalizedSource, ...]:
     """The sounding objects of a clip, loudest first (the paper's Sec. III-B.3, with close classes merged)."""
     sources = [

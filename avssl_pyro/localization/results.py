@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 
 FORMAT = "avssl-result/1"
 
@@ -17,7 +17,7 @@ def _degrees(angle: float) -> float:
 
 
 def result_dict(
-    posterior: ScenePosterior,
+    posterior: ClipPosterior,
     sources: tuple[LocalizedSource, ...],
     grid: DirectionGrid,
     separated: Sequence[Path] | None = None,

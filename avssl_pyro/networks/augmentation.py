@@ -7,7 +7,7 @@ from torch import Tensor
 
 
 @dataclass(frozen=True)
-class AzimuthView:
+class RandomYawFlip:
     """A yaw of whole directions and perhaps a mirror, for each clip its own.
 
     Args:
@@ -21,7 +21,7 @@ class AzimuthView:
     sign_b1: Tensor
 
     @classmethod
-    def draw(cls, num_clips: int, num_directions: int, device: torch.device) -> "AzimuthView":
+    def draw(cls, num_clips: int, num_directions: int, device: torch.device) -> "RandomYawFlip":
         """Views drawn from torch's global generator."""
         turn_b1 = torch.randint(num_directions, (num_clips, 1), device=device)
         sign_b1 = 1 - 2 * torch.randint(2, (num_clips, 1), device=device)

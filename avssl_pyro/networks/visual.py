@@ -8,7 +8,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from avssl_pyro.networks.augmentation import AzimuthView
+from avssl_pyro.networks.augmentation import RandomYawFlip
 
 
 class _WrapAzimuth(torch.autograd.Function):
@@ -126,7 +126,7 @@ class VisualNet(nn.Module):
         """Log-weights mu_bkd (B, K, D) and activation maps (B, K, I/4, J/4) of an image (B, 3, I, J) in [0, 1]."""
         if not (self.augment and self.training):
             return self._weigh(image_bcij)
-        view = AzimuthView.draw(image_bcij.shape[0], self.num_directions, image_bcij.device)
+        view = RandomYawFlip.draw(image_bcij.shape[0], self.num_directions, image_bcij.device)
         mu_bkd, activation_bkij = self._weigh(view.apply(image_bcij))
         return view.undo(mu_bkd), view.undo(activation_bkij)
 

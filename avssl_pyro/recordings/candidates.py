@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
-from avssl_pyro.recordings.recording import Recording
-from avssl_pyro.io.video_reader import MAX_FRAME_AGE_S
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.video_reader import MAX_FRAME_AGE_S
+from avssl_pyro.recordings.recording import Recording
 
 # Below this a channel holds nothing but rounding: -100 dB of full scale.
 SILENT_RMS = 1e-5
@@ -18,7 +18,7 @@ _SAME_LENGTH_S = 0.5
 
 
 @dataclass(frozen=True)
-class Place:
+class ClipCandidate:
     """Where a clip is: number of its recording, seconds at which it begins, and how loud it is (RMS, full scale 1)."""
 
     recording: int
@@ -30,10 +30,10 @@ class Place:
 class Survey:
     """Every clip that has sound and a picture, by recording and time, and sentences on what was left out."""
 
-    places: tuple[Place, ...]
+    places: tuple[ClipCandidate, ...]
     remarks: tuple[str, ...]
 
-    def loudest(self, count: int | None) -> tuple[Place, ...]:
+    def loudest(self, count: int | None) -> tuple[ClipCandidate, ...]:
         """The ``count`` loudest clips (None: all) in their old order; of equally loud ones the earlier."""
         order = np.argsort([-place.rms for place in self.places], kind="stable")[:count]
         return tuple(self.places[index] for index in np.sort(order))
@@ -45,7 +45,7 @@ def survey(recordings: Sequence[Recording], hop_s: float, duration_s: float, pro
     Raises:
         InputError: a file is damaged, or no clip of any recording has both sound and a picture.
     """
-    places: list[Place] = []
+    places: list[ClipCandidate] = []
     remarks: list[str] = []
     total_s = math.floor(sum(recording.duration_s for recording in recordings))
     with tqdm(total=total_s, desc="listening", unit="s", disable=not progress) as bar:
@@ -64,7 +64,7 @@ def survey(recordings: Sequence[Recording], hop_s: float, duration_s: float, pro
 
 def _survey_one(
     number: int, recording: Recording, hop_s: float, duration_s: float, bar: "tqdm[None]"
-) -> tuple[list[Place], list[str]]:
+) -> tuple[list[ClipCandidate], list[str]]:
     if recording.video is None:
         return [], [f"{recording.name}: has no video; it is left out."]
     remarks = list(_length_remarks(recording, recording.video.duration_s, duration_s))
@@ -77,7 +77,7 @@ def _survey_one(
         elif not _has_picture(stamps_s, start_s + duration_s / 2):
             unseen.append(start_s)
         else:
-            places.append(Place(number, start_s, rms))
+            places.append(ClipCandidate(number, start_s, rms))
         bar.update(min(hop_s, max(0.0, bar.total - bar.n)))
     if unseen:
         remarks.append(

@@ -5,11 +5,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from avssl_pyro.errors import InputError
 from avssl_pyro.io.audio_stream import AudioFile
 from avssl_pyro.io.csv_table import CsvLine, read_csv_table
-from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.io.video_reader import VideoFile
-from avssl_pyro.errors import InputError
+from avssl_pyro.recordings.recording import Recording
 
 AUDIO_SUFFIXES = (".wav", ".flac")
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts")
@@ -17,7 +17,7 @@ _COLUMNS = ("video", "audio", "offset_s", "yaw_deg")
 
 
 @dataclass(frozen=True)
-class Placement:
+class Alignment:
     """How a recording's picture and channels lie to the array; see :class:`Recording` for each."""
 
     offset_s: float = 0.0
@@ -33,7 +33,7 @@ class RecordingFiles:
 
     video: Path
     audio: Path
-    placement: Placement
+    placement: Alignment
 
     def open(self) -> Recording:
         """Raises InputError when a file cannot be read or they do not fit together."""
@@ -50,7 +50,7 @@ class RecordingFiles:
         )
 
 
-def recordings_in_folder(folder: Path, placement: Placement) -> tuple[tuple[RecordingFiles, ...], tuple[Path, ...]]:
+def recordings_in_folder(folder: Path, placement: Alignment) -> tuple[tuple[RecordingFiles, ...], tuple[Path, ...]]:
     """Pairs of equal name but for the suffix, ordered by name, and the audio and video files that have no partner.
 
     Raises:
@@ -80,7 +80,7 @@ def _by_stem(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
     return files
 
 
-def read_recording_list(path: Path, placement: Placement) -> tuple[RecordingFiles, ...]:
+def read_recording_list(path: Path, placement: Alignment) -> tuple[RecordingFiles, ...]:
     """Reads a CSV file with columns ``video`` and ``audio``, and if wanted ``offset_s`` and ``yaw_deg``.
 
     File names are relative to the list; an empty or missing offset or yaw is that of ``placement``.
@@ -98,7 +98,7 @@ def read_recording_list(path: Path, placement: Placement) -> tuple[RecordingFile
     return tuple(_listed(path.parent, line, placement) for line in table.lines)
 
 
-def _listed(folder: Path, line: CsvLine, placement: Placement) -> RecordingFiles:
+def _listed(folder: Path, line: CsvLine, placement: Alignment) -> RecordingFiles:
     given = {column: text for column in ("offset_s", "yaw_deg") if (text := line.cells.get(column))}
     changes = {column: _number(text, column, line.where) for column, text in given.items()}
     placed = replace(placement, **changes)  # type: ignore[arg-type]

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from avssl_pyro.io.csv_table import CsvLine, read_csv_table
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.csv_table import CsvLine, read_csv_table
 
 LABELS_NAME = "labels.csv"
 

@@ -12,15 +12,15 @@ from typing import Any
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.io.dcase import DcaseRow, labels_between
-from avssl_pyro.recordings.excerpts import read_excerpts
-from avssl_pyro.io.clip_files import check_channels
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD, GenerationPlan, generate
 from avssl_pyro.datasets.manifest import Manifest, first_difference, read_json, to_json
+from avssl_pyro.errors import InputError
+from avssl_pyro.io.clip_files import check_channels
+from avssl_pyro.io.dcase import DcaseRow, labels_between
+from avssl_pyro.recordings.candidates import ClipCandidate, Survey, survey
+from avssl_pyro.recordings.excerpts import read_excerpts
 from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.recordings.split import NoSplit, Splitter
-from avssl_pyro.recordings.candidates import Place, Survey, survey
-from avssl_pyro.errors import InputError
 
 SELECTION_NAME = "selection.json"
 MIN_CLIP_S, MAX_CLIP_S = 0.1, 10.0
@@ -71,7 +71,7 @@ class ClipCutter:
 
     recordings: tuple[Recording, ...]
     labels: tuple[tuple[DcaseRow, ...] | None, ...]
-    places: tuple[Place, ...]
+    places: tuple[ClipCandidate, ...]
     clip_s: float
 
     def render(self, index: int) -> CutClip:
@@ -92,7 +92,7 @@ class Prepared:
     remarks: tuple[str, ...]
 
 
-def read_as(recording: Recording, array: MicrophoneArray) -> Recording:
+def open_for_array(recording: Recording, array: MicrophoneArray) -> Recording:
     """The recording with the channels of ``array``: those it names itself, or else those of the array's channel map.
 
     Its first picture is looked at and some of its sound listened to, before anything takes long.
@@ -141,10 +141,10 @@ def prepare(
         progress: show bars.
 
     Raises:
-        InputError: see :func:`read_as` and :func:`survey`; or the folder holds other clips.
+        InputError: see :func:`open_for_array` and :func:`survey`; or the folder holds other clips.
         OSError: no space, no permission; what is finished stays, nothing half-written does.
     """
-    recordings = tuple(read_as(recording, array) for recording in recordings)
+    recordings = tuple(open_for_array(recording, array) for recording in recordings)
     splitter = splitter or NoSplit()
     configuration = {
         "recordings": [_identity(recording) for recording in recordings],
@@ -178,7 +178,7 @@ def _surveyed(
         stored = read_json(path)
         try:
             difference = first_difference(stored["configuration"], wanted)
-            kept = Survey(tuple(Place(*place) for place in stored["places"]), tuple(stored["remarks"]))
+            kept = Survey(tuple(ClipCandidate(*place) for place in stored["places"]), tuple(stored["remarks"]))
         except (TypeError, KeyError) as error:
             raise InputError(f"{path}: damaged ({type(error).__name__}: {error}); use another folder.") from error
         if difference is not None:

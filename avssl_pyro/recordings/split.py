@@ -7,24 +7,24 @@ from typing import Protocol
 
 import numpy as np
 
-from avssl_pyro.recordings.recording import Recording
-from avssl_pyro.recordings.candidates import Place
 from avssl_pyro.errors import InputError
+from avssl_pyro.recordings.candidates import ClipCandidate
+from avssl_pyro.recordings.recording import Recording
 
-Parts = dict[str, tuple[Place, ...]]
+Parts = dict[str, tuple[ClipCandidate, ...]]
 
 
 class Splitter(Protocol):
     """Divides clips into named parts, each of which becomes a folder; the name "" is the folder itself."""
 
-    def split(self, places: Sequence[Place], recordings: Sequence[Recording], duration_s: float) -> Parts: ...
+    def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts: ...
 
 
 @dataclass(frozen=True)
 class NoSplit:
     """All clips in one part."""
 
-    def split(self, places: Sequence[Place], recordings: Sequence[Recording], duration_s: float) -> Parts:  # noqa: ARG002
+    def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts:  # noqa: ARG002
         return {"": tuple(places)}
 
 
@@ -38,7 +38,7 @@ class ByRecording:
     def __post_init__(self) -> None:
         _check_share(self.share)
 
-    def split(self, places: Sequence[Place], recordings: Sequence[Recording], duration_s: float) -> Parts:  # noqa: ARG002
+    def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts:  # noqa: ARG002
         """Raises InputError when fewer than two recordings hold clips."""
         numbers = sorted({place.recording for place in places})
         if len(numbers) < 2:
@@ -62,7 +62,7 @@ class ByTime:
     def __post_init__(self) -> None:
         _check_share(self.share)
 
-    def split(self, places: Sequence[Place], recordings: Sequence[Recording], duration_s: float) -> Parts:
+    def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts:
         """Raises InputError when one part comes out empty."""
         borders_s = [recording.end_s - self.share * recording.duration_s for recording in recordings]
         parts = {

@@ -12,14 +12,14 @@ from torch import Tensor
 from avssl_pyro.acoustics.covariance import inverse_and_logdet, matrix_from_features
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, quadratic_form
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
-from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 
 # Of the mean eigenvalue, added to free covariances: a class of few bins has none of full rank.
 LOADING = 1e-4
 
 
 def posterior_masks(
-    observed: ObservedSpectrogram, template_dfmm: Tensor, posterior: ScenePosterior, diffuse: float
+    observed: ObservedSpectrogram, template_dfmm: Tensor, posterior: ClipPosterior, diffuse: float
 ) -> Tensor:
     """p(z_tf = k | x, w, pi) by enumeration, at the posterior means of w and pi, (F, K, T), summing to 1 over k.
 

@@ -11,8 +11,8 @@ from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.acoustics.stft import StftConfig, istft, stft
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.errors import InputError
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 from avssl_pyro.separation.beamforming import Extraction, WienerFilter
-from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
 from avssl_pyro.separation.masks import fitted_masks, masks_of_sources, posterior_masks
 from avssl_pyro.systems.system import SystemConfig
 
@@ -84,7 +84,7 @@ class Separator:
 
     @torch.no_grad()
     def separate(
-        self, audio_mn: npt.NDArray[np.float32], posterior: ScenePosterior, sources: Sequence[LocalizedSource]
+        self, audio_mn: npt.NDArray[np.float32], posterior: ClipPosterior, sources: Sequence[LocalizedSource]
     ) -> npt.NDArray[np.float32]:
         """Every source as the reference microphone hears it, float32 (S, N), in the order of ``sources``.
 

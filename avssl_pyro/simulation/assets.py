@@ -5,7 +5,7 @@ from pathlib import Path
 from avssl_pyro.errors import InputError
 
 
-def list_material(folder: Path, suffixes: frozenset[str], what: str) -> tuple[Path, ...]:
+def list_assets(folder: Path, suffixes: frozenset[str], what: str) -> tuple[Path, ...]:
     """Files of the given suffixes (lower case, with dot) anywhere under ``folder``, in an order free of the machine.
 
     Raises:

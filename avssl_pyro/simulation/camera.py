@@ -34,7 +34,7 @@ class Camera:
         return View(self.columns // 2, self.columns, 1 if self.columns >= SHARP_COLUMNS else 3)
 
 
-class Film:
+class PanoramaVideo:
     """Frames at any time; those of a standing person are rendered once.
 
     Args:

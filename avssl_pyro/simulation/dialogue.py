@@ -10,8 +10,8 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.io.dcase import FRAME_S, DcaseRow
 from avssl_pyro.simulation.moving_people import MovingPeople
-from avssl_pyro.simulation.speech import SpeechSource
 from avssl_pyro.simulation.moving_source import Steps, hear_walking
+from avssl_pyro.simulation.speech import SpeechSource
 
 FRAME_SAMPLES = round(FRAME_S * SAMPLE_RATE)
 # A frame sounds if speech within this many frames of it is at most so much below its utterance: pauses between words

@@ -7,10 +7,10 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
+from avssl_pyro.simulation.moving_source import RoomAcoustics, Steps, hear_walking, with_noise
 from avssl_pyro.simulation.moving_talkers import MovingTalkers
 from avssl_pyro.simulation.speech import SpeechSource
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
-from avssl_pyro.simulation.moving_source import RoomAcoustics, Steps, hear_walking, with_noise
 
 Audio = npt.NDArray[np.float32]
 PEAK = 0.5

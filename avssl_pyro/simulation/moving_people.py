@@ -8,8 +8,8 @@ import numpy.typing as npt
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.layout import MOUTH_HEIGHT, SceneConfig
-from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
 from avssl_pyro.simulation.moving_source import RoomAcoustics
+from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
 
 
 @dataclass(frozen=True)

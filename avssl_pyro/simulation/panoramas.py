@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.assets import list_material
+from avssl_pyro.simulation.assets import list_assets
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
 CACHED_PANORAMAS = 64
@@ -92,7 +92,7 @@ class PanoramaFolder:
     _cache: dict[Path, npt.NDArray[np.uint8]] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "paths", list_material(self.folder, SUFFIXES, "panorama"))
+        object.__setattr__(self, "paths", list_assets(self.folder, SUFFIXES, "panorama"))
 
     def __getstate__(self) -> dict[str, Any]:
         return {"folder": self.folder, "paths": self.paths, "_cache": {}}

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.assets import list_material
+from avssl_pyro.simulation.assets import list_assets
 
 SUFFIXES = frozenset({".png"})
 # At 0.5 m a metre covers about 230 image rows, but only the middle of a body is in view; more pixels would not show.
@@ -47,7 +47,7 @@ class PeopleFolder:
     paths: tuple[Path, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "paths", list_material(self.folder, SUFFIXES, "cut-out"))
+        object.__setattr__(self, "paths", list_assets(self.folder, SUFFIXES, "cut-out"))
 
     @property
     def name(self) -> str:

@@ -7,19 +7,19 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.io.dcase import DcaseRow
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.synthetic_people import ProceduralPerson
-from avssl_pyro.simulation.camera import Camera, Film
+from avssl_pyro.io.dcase import DcaseRow
+from avssl_pyro.simulation.camera import Camera, PanoramaVideo
+from avssl_pyro.simulation.dialogue import DryVoices, hear, labels, speak
 from avssl_pyro.simulation.moving_people import MovingPeople, MovingPeopleConfig, draw_moving_people
+from avssl_pyro.simulation.moving_source import Steps, with_noise
 from avssl_pyro.simulation.panoramas import PanoramaSource
 from avssl_pyro.simulation.people import PersonSource
-from avssl_pyro.simulation.dialogue import DryVoices, hear, labels, speak
-from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.scenes import check_known_all_around
 from avssl_pyro.simulation.speech import SpeechSource
+from avssl_pyro.simulation.synthetic_people import ProceduralPerson
+from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
-from avssl_pyro.simulation.moving_source import Steps, with_noise
 
 PEAK = 0.5
 
@@ -87,10 +87,10 @@ class SimulatedRecording:
         mixture_mn = hear(self.people, self.voices, self.simulator.array, self.simulator.steps)
         return with_noise(mixture_mn, self.simulator.config.scenes.snr_db, PEAK, self.noise)
 
-    def film(self) -> Film:
+    def film(self) -> PanoramaVideo:
         """What the camera sees."""
         one = self.simulator
-        return Film(self.people, one.camera, one.people, one.panoramas, self.light)
+        return PanoramaVideo(self.people, one.camera, one.people, one.panoramas, self.light)
 
     @property
     def labels(self) -> tuple[DcaseRow, ...]:

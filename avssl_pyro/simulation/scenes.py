@@ -12,13 +12,13 @@ from avssl_pyro.acoustics.steering_kinds import MeasuredKind
 from avssl_pyro.clip import SAMPLE_RATE, Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.compositing import Composite, composite, relight
-from avssl_pyro.simulation.synthetic_people import ProceduralPerson
 from avssl_pyro.simulation.layout import Layout, PersonFacts, SceneConfig, draw_layout
 from avssl_pyro.simulation.panoramas import PanoramaSource, face
 from avssl_pyro.simulation.people import PersonSource
 from avssl_pyro.simulation.reverberation import reverberate, room_responses
-from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.speech import SpeechSource
+from avssl_pyro.simulation.synthetic_people import ProceduralPerson
+from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
 
 # Speech begins this long before the clip, so that the room is already sounding when the clip starts.

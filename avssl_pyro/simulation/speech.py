@@ -12,7 +12,7 @@ from scipy import signal
 
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.assets import list_material
+from avssl_pyro.simulation.assets import list_assets
 
 SUFFIXES = frozenset({".wav", ".flac"})
 FRAME_SAMPLES = SAMPLE_RATE // 50
@@ -93,7 +93,7 @@ class SpeechFolder:
     paths: tuple[Path, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "paths", list_material(self.folder, SUFFIXES, "speech"))
+        object.__setattr__(self, "paths", list_assets(self.folder, SUFFIXES, "speech"))
 
     @property
     def name(self) -> str:

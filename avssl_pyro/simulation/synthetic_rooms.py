@@ -15,7 +15,7 @@ NUM_WALLS = 4
 
 
 @dataclass(frozen=True)
-class Box:
+class RoomBox:
     """A piece of furniture: a cuboid between two corners (metres, camera over the origin of the floor), RGB color."""
 
     low: tuple[float, float, float]
@@ -26,7 +26,7 @@ class Box:
 
 @dataclass(frozen=True)
 class ProceduralRoom:
-    """Box rooms with windows, doors, pictures, rugs and furniture along the walls; the camera stands in the middle.
+    """RoomBox rooms with windows, doors, pictures, rugs and furniture along the walls; the camera stands in the middle.
 
     Args:
         dims_m: length, width and height.
@@ -110,7 +110,7 @@ class ProceduralRoom:
             shade_ij *= 1 - np.float32(0.14) * near_ij * near_ij
         return shade_ij
 
-    def _furniture(self, rng: np.random.Generator) -> list[Box]:
+    def _furniture(self, rng: np.random.Generator) -> list[RoomBox]:
         """Boxes along the walls, behind everyone; far ones need no order, since none hides another one wholly."""
         half = (self.dims_m[0] / 2, self.dims_m[1] / 2)
         boxes = []
@@ -125,7 +125,7 @@ class ProceduralRoom:
             low[axis], high[axis] = sorted((sign * (half[axis] - depth), sign * half[axis]))
             low[1 - axis], high[1 - axis] = along - breadth / 2, along + breadth / 2
             color = random_color(rng, (0.1, 0.6), (0.2, 0.9))
-            boxes.append(Box((low[0], low[1], 0.0), (high[0], high[1], height), color, int(rng.integers(0, 5))))
+            boxes.append(RoomBox((low[0], low[1], 0.0), (high[0], high[1], height), color, int(rng.integers(0, 5))))
         return boxes
 
 
@@ -178,7 +178,7 @@ def _draw_box(
     view_ijc: npt.NDArray[np.float32],
     reach_ij: npt.NDArray[np.float32],
     rays: Rays,
-    box: Box,
+    box: RoomBox,
     camera_height_m: float,
 ) -> None:
     """Draws a cuboid into the view and into its reach, by the slab method."""
@@ -206,7 +206,7 @@ def _draw_box(
     reach_ij[:, columns] = np.where(hit, entry, reach_ij[:, columns])
 
 
-def _columns_of(box: Box, num_columns: int) -> npt.NDArray[np.int64]:
+def _columns_of(box: RoomBox, num_columns: int) -> npt.NDArray[np.int64]:
     corners = np.array([[x, y] for x in (box.low[0], box.high[0]) for y in (box.low[1], box.high[1])])
     middle = corners.mean(axis=0)
     azimuths = np.arctan2(corners[:, 1], corners[:, 0])

@@ -11,7 +11,7 @@ from avssl_pyro.systems.system import System, build_system
 from avssl_pyro.systems.trained_array import SAME_PLACE_M
 
 # By the array they were trained with.
-SHIPPED = ("circle2", "circle4", "circle6")
+PRETRAINED = ("circle2", "circle4", "circle6")
 # Whose weights serve an array that is none of these: its visual network was trained with the most microphones.
 MOST_GENERAL = "circle6"
 
@@ -45,11 +45,11 @@ class Pretrained:
 
 def load_pretrained(array: MicrophoneArray) -> Pretrained:
     """The shipped system of an array, or the most general one fitted to its geometry."""
-    for name in SHIPPED:
-        system = load_shipped(name)
+    for name in PRETRAINED:
+        system = load_weights_of(name)
         if _same_array(system.config.array, array):
             return Pretrained(system, name, native=True)
-    general = load_shipped(MOST_GENERAL)
+    general = load_weights_of(MOST_GENERAL)
     system = build_system(replace(general.config, array=array))
     system.load_state_dict(general.state_dict())
     system.model.eval()
@@ -57,8 +57,8 @@ def load_pretrained(array: MicrophoneArray) -> Pretrained:
     return Pretrained(system, MOST_GENERAL, native=False)
 
 
-def load_shipped(name: str) -> System:
-    """The system trained with the array of that name, one of ``SHIPPED``."""
+def load_weights_of(name: str) -> System:
+    """The system trained with the array of that name, one of ``PRETRAINED``."""
     with as_file(files("avssl_pyro") / "weights" / f"{name}.safetensors") as path:
         return load_checkpoint(path)
 

@@ -14,7 +14,7 @@ SILENT, SOUNDING = 0, 1
 
 
 @dataclass(frozen=True)
-class Belief:
+class TrackState:
     """A distribution over the states of a track, or a message between them.
 
     Args:
@@ -48,47 +48,47 @@ class Belief:
     def total(self) -> float:
         return float(self.present_had.sum()) + self.absent
 
-    def scaled(self, factor: float) -> "Belief":
-        return Belief(self.present_had * factor, self.absent * factor)
+    def scaled(self, factor: float) -> "TrackState":
+        return TrackState(self.present_had * factor, self.absent * factor)
 
-    def times(self, other: "Belief") -> "Belief":
+    def times(self, other: "TrackState") -> "TrackState":
         """The product of both, made a distribution."""
-        product = Belief(self.present_had * other.present_had, self.absent * other.absent)
+        product = TrackState(self.present_had * other.present_had, self.absent * other.absent)
         return product.scaled(1 / product.total)
 
 
-def newborn(birth: float, num_directions: int) -> Belief:
+def initial(birth: float, num_directions: int) -> TrackState:
     """Before anything is heard: a source begins with probability ``birth``, by sounding, anywhere."""
     present_had = np.zeros((len(MOTION_SIGNS), 2, num_directions))
     present_had[:, SOUNDING] = birth / (len(MOTION_SIGNS) * num_directions)
-    return Belief(present_had, 1 - birth)
+    return TrackState(present_had, 1 - birth)
 
 
-def predict(belief: Belief, tables: TrackTables) -> Belief:
+def predict(belief: TrackState, tables: TrackTables) -> TrackState:
     """The belief one step later."""
     _, _, d = belief.present_had.shape
     active_had = tables.activity_aa.T @ belief.present_had
     turned_had = (tables.motion_hh.T @ active_had.reshape(len(MOTION_SIGNS), -1)).reshape(-1, 2, d)
-    return Belief(
+    return TrackState(
         tables.survive * (turned_had @ tables.move_hde),
         belief.absent + (1 - tables.survive) * float(belief.present_had.sum()),
     )
 
 
-def retrodict(message: Belief, tables: TrackTables) -> Belief:
+def retrodict(message: TrackState, tables: TrackTables) -> TrackState:
     """The transpose of :func:`predict`: what a message about the next window says about this one."""
     _, _, d = message.present_had.shape
     moved_had = message.present_had @ tables.move_hde.transpose(0, 2, 1)
     turned_had = (tables.motion_hh @ moved_had.reshape(len(MOTION_SIGNS), -1)).reshape(-1, 2, d)
     stays_had = tables.activity_aa @ turned_had
-    return Belief(tables.survive * stays_had + (1 - tables.survive) * message.absent, message.absent)
+    return TrackState(tables.survive * stays_had + (1 - tables.survive) * message.absent, message.absent)
 
 
-def weigh(belief: Belief, ratio_d: Array) -> Belief:
+def weigh(belief: TrackState, ratio_d: Array) -> TrackState:
     """Multiplies by the likelihood ratio of a window's detections, (D,)."""
     present_had = belief.present_had.copy()
     present_had[:, SOUNDING] *= ratio_d
-    return Belief(present_had, belief.absent)
+    return TrackState(present_had, belief.absent)
 
 
 @dataclass(frozen=True)
@@ -102,17 +102,17 @@ class Step:
         norm: probability of its detections given the windows before, relative to clutter.
     """
 
-    filtered: Belief
+    filtered: TrackState
     ratio_d: Array
     tables: TrackTables
     norm: float
 
 
-def observe(predicted: Belief, ratio_d: Array, tables: TrackTables) -> Step:
+def observe(predicted: TrackState, ratio_d: Array, tables: TrackTables) -> Step:
     """One window of the forward algorithm.
 
     Args:
-        predicted: :func:`newborn` or :func:`predict`.
+        predicted: :func:`initial` or :func:`predict`.
         ratio_d: likelihood ratio of the window's detections, (D,).
         tables: what ``predicted`` was made with.
     """
@@ -125,10 +125,10 @@ def log_evidence(steps: Sequence[Step]) -> float:
     return float(sum(np.log(step.norm) for step in steps))
 
 
-def smooth(steps: Sequence[Step]) -> Iterator[Belief]:
+def smooth(steps: Sequence[Step]) -> Iterator[TrackState]:
     """Beliefs given all windows (the forward-backward algorithm), from the last window to the first."""
     belief = steps[-1].filtered
-    message = Belief(np.ones_like(belief.present_had), 1.0)
+    message = TrackState(np.ones_like(belief.present_had), 1.0)
     yield belief
     for step, after in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
         message = retrodict(weigh(message, after.ratio_d), after.tables).scaled(1 / after.norm)

@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.tracking.hmm_filter import Array, Belief, Step, newborn, observe, predict
 from avssl_pyro.models.tracking.detection import DetectionModel
 from avssl_pyro.models.tracking.motion import TrackPrior, TrackTables
+from avssl_pyro.tracking.hmm_filter import Array, Step, TrackState, initial, observe, predict
 
 # A source that is less likely than this to be there is given up.
 LEAST_PRESENCE = 1e-3
@@ -39,7 +39,7 @@ class Chain:
     beside: tuple[int, float] | None = None
 
     @property
-    def belief(self) -> Belief:
+    def belief(self) -> TrackState:
         return self.steps[-1].filtered
 
     def cut(self, before: int) -> None:
@@ -55,7 +55,7 @@ class Chain:
 
 
 @dataclass(frozen=True)
-class BankConfig:
+class MultiTargetConfig:
     """When sources end.
 
     Args:
@@ -69,7 +69,7 @@ class BankConfig:
     merge_s: float = 2.0
 
 
-class TrackBank:
+class MultiTargetFilter:
     """The forward pass of all chains, window by window.
 
     What other chains claim of a detection counts as clutter to a chain; one that is likelier to be clutter than any
@@ -79,7 +79,9 @@ class TrackBank:
         grid, prior, detection, config: the model.
     """
 
-    def __init__(self, grid: DirectionGrid, prior: TrackPrior, detection: DetectionModel, config: BankConfig) -> None:
+    def __init__(
+        self, grid: DirectionGrid, prior: TrackPrior, detection: DetectionModel, config: MultiTargetConfig
+    ) -> None:
         self.grid, self.detection, self.config = grid, detection, config
         self.active: list[Chain] = []
         self.ended: list[Chain] = []
@@ -110,7 +112,7 @@ class TrackBank:
             terms_nd = self.detection.ratio_terms(density_nd, claimed_n)
             terms_nd[np.arange(len(terms_nd)) != n] = 0.0
             chain = Chain(self.num_windows, [], [], time_s, time_s)
-            self._extend(chain, newborn(tables.birth, self.grid.num_directions), terms_nd, tables, time_s)
+            self._extend(chain, initial(tables.birth, self.grid.num_directions), terms_nd, tables, time_s)
             self.active.append(chain)
         self._merge(time_s)
         self._retire(time_s)
@@ -121,7 +123,7 @@ class TrackBank:
         self.ended += self.active
         self.active = []
 
-    def _extend(self, chain: Chain, predicted: Belief, terms_nd: Array, tables: TrackTables, time_s: float) -> None:
+    def _extend(self, chain: Chain, predicted: TrackState, terms_nd: Array, tables: TrackTables, time_s: float) -> None:
         ratio_d = self.detection.missed + terms_nd.sum(0)
         chain.steps.append(observe(predicted, ratio_d, tables))
         share_nd = terms_nd / ratio_d

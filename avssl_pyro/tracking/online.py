@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.tracking.multi_target import Chain
 from avssl_pyro.tracking.hmm_filter import smooth
+from avssl_pyro.tracking.multi_target import Chain
 from avssl_pyro.tracking.tracker import (
     TrackedSource,
     TrackingConfig,
@@ -26,7 +26,7 @@ class _Voice:
     level: float
 
 
-class LiveTracker:
+class OnlineTracker:
     """The online form of :func:`avssl_pyro.tracking.tracker.track`, with a fixed lag.
 
     Memory and time per window do not grow with the length of the recording.

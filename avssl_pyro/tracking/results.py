@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from avssl_pyro.io.dcase import FRAME_S, DcaseRow
-from avssl_pyro.tracking.timeline import Moment, Timeline
+from avssl_pyro.tracking.timeline import Timeline, TimelineFrame
 
 FORMAT = "avssl-window/1"
 
@@ -25,7 +25,7 @@ def json_lines(timeline: Timeline, name_field: str) -> str:
     return "".join(f"{json.dumps(_window_dict(moment, name_field), allow_nan=False)}\n" for moment in timeline.moments)
 
 
-def _window_dict(moment: Moment, name_field: str) -> dict[str, object]:
+def _window_dict(moment: TimelineFrame, name_field: str) -> dict[str, object]:
     return {
         "format": FORMAT,
         "time_s": round(moment.time_s, 3),

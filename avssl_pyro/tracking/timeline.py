@@ -14,7 +14,7 @@ MAX_TURN = np.deg2rad(30.0)
 
 
 @dataclass(frozen=True)
-class NamedSource:
+class IdentifiedSource:
     """A sounding object at one moment; angles in radians.
 
     Args:
@@ -31,11 +31,11 @@ class NamedSource:
 
 
 @dataclass(frozen=True)
-class Moment:
+class TimelineFrame:
     """The sounding objects in the window around a time (seconds from the recording's start)."""
 
     time_s: float
-    sources: tuple[NamedSource, ...]
+    sources: tuple[IdentifiedSource, ...]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Timeline:
         reach_s: how long before and after a moment without a neighbour its sources are still shown; half a window.
     """
 
-    moments: tuple[Moment, ...]
+    moments: tuple[TimelineFrame, ...]
     hop_s: float
     reach_s: float
 
@@ -57,7 +57,7 @@ class Timeline:
         """Every name, in order of appearance."""
         return tuple(dict.fromkeys(source.name for moment in self.moments for source in moment.sources))
 
-    def at(self, time_s: float) -> tuple[NamedSource, ...]:
+    def at(self, time_s: float) -> tuple[IdentifiedSource, ...]:
         """Sources at a time; those that two neighbouring moments share move evenly from one to the other.
 
         A source of one of the two only lasts for half of the time between them.
@@ -76,14 +76,14 @@ class Timeline:
         return tuple(_between(source, others.get(source.name), weight) for source in nearer.sources)
 
 
-def _between(near: NamedSource, far: NamedSource | None, weight: float) -> NamedSource:
+def _between(near: IdentifiedSource, far: IdentifiedSource | None, weight: float) -> IdentifiedSource:
     """``near`` moved towards ``far`` by a share of the way, along the shorter arc."""
     if far is None:
         return near
     turn = float(wrap_angle(far.azimuth - near.azimuth))
     if abs(turn) > MAX_TURN:
         return near
-    return NamedSource(
+    return IdentifiedSource(
         near.name,
         float(wrap_angle(near.azimuth + weight * turn)),
         (1 - weight) * near.azimuth_std + weight * far.azimuth_std,
@@ -94,9 +94,9 @@ def _between(near: NamedSource, far: NamedSource | None, weight: float) -> Named
 def timeline_of_windows(windows: Sequence[WindowDetections], hop_s: float, reach_s: float) -> Timeline:
     """Every window on its own; a source's name is the number of its source class."""
     moments = tuple(
-        Moment(
+        TimelineFrame(
             window.time_s,
-            tuple(NamedSource(s.source_class, s.azimuth, s.azimuth_std, s.level) for s in window.sources),
+            tuple(IdentifiedSource(s.source_class, s.azimuth, s.azimuth_std, s.level) for s in window.sources),
         )
         for window in windows
     )
@@ -113,7 +113,9 @@ def timeline_of_tracks(
         tracks: what :func:`avssl_pyro.tracking.tracker.track` made of it.
     """
     moments = tuple(
-        Moment(window.time_s, tuple(NamedSource(s.track_id, s.azimuth, s.azimuth_std, s.level) for s in sources))
+        TimelineFrame(
+            window.time_s, tuple(IdentifiedSource(s.track_id, s.azimuth, s.azimuth_std, s.level) for s in sources)
+        )
         for window, sources in zip(windows, tracked_sources(windows, tracks), strict=True)
     )
     return Timeline(moments, hop_s, reach_s)

@@ -9,10 +9,10 @@ import numpy.typing as npt
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.errors import InputError
 from avssl_pyro.localization.posterior import LocalizedSource
-from avssl_pyro.tracking.multi_target import BankConfig, Chain, TrackBank
-from avssl_pyro.tracking.hmm_filter import smooth
 from avssl_pyro.models.tracking.detection import DetectionModel
 from avssl_pyro.models.tracking.motion import TrackPrior
+from avssl_pyro.tracking.hmm_filter import smooth
+from avssl_pyro.tracking.multi_target import Chain, MultiTargetConfig, MultiTargetFilter
 
 Array = npt.NDArray[np.float64]
 Columns = tuple[Array, Array, Array, Array, Array, Array]
@@ -46,7 +46,7 @@ class TrackingConfig:
 
     prior: TrackPrior = field(default_factory=TrackPrior)
     detection: DetectionModel = field(default_factory=DetectionModel)
-    bank: BankConfig = field(default_factory=BankConfig)
+    bank: MultiTargetConfig = field(default_factory=MultiTargetConfig)
     num_directions: int = 144
     confirm: float = 0.9
     sounding: float = 0.5
@@ -55,8 +55,8 @@ class TrackingConfig:
     def grid(self) -> DirectionGrid:
         return DirectionGrid(self.num_directions)
 
-    def new_bank(self) -> TrackBank:
-        return TrackBank(self.grid, self.prior, self.detection, self.bank)
+    def new_bank(self) -> MultiTargetFilter:
+        return MultiTargetFilter(self.grid, self.prior, self.detection, self.bank)
 
 
 @dataclass(frozen=True)
@@ -167,14 +167,14 @@ def check_windows(windows: Sequence[WindowDetections]) -> None:
                 )
 
 
-def add_window(bank: TrackBank, window: WindowDetections, step_s: float) -> None:
+def add_window(bank: MultiTargetFilter, window: WindowDetections, step_s: float) -> None:
     """Puts a window into a bank."""
     azimuth_n = np.array([source.azimuth for source in window.sources], dtype=np.float64)
     std_n = np.array([source.azimuth_std for source in window.sources], dtype=np.float64)
     bank.add(window.time_s, step_s, azimuth_n, std_n)
 
 
-def _take_ended(bank: TrackBank, windows: Sequence[WindowDetections], config: TrackingConfig) -> list[Columns]:
+def _take_ended(bank: MultiTargetFilter, windows: Sequence[WindowDetections], config: TrackingConfig) -> list[Columns]:
     """The tracks of the chains that have ended; the bank forgets them, for their beliefs need much memory."""
     tracks = [_track_of(chain, windows, config) for chain in bank.ended]
     bank.ended = []

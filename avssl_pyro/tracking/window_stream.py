@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 
 from avssl_pyro.clip import Clip
-from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 from avssl_pyro.tracking.tracker import WindowDetections
 
 

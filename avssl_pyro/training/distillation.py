@@ -16,19 +16,19 @@ import torch
 from pyro.infer import Trace_ELBO
 from torch import Tensor, nn
 
-from avssl_pyro.distributions.map_em import MixturePoint
+from avssl_pyro.distributions.map_em import MapEMState
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.conjugacy import check_ascent, model_ascent
-from avssl_pyro.training.elbo_terms import RecordsTerms
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+from avssl_pyro.training.elbo_terms import ElboTermsMixin
 
 # Close to the common overrelaxation of 2, and safe for a fixed number of rounds.
 STRETCH = 1.8
 
 
 @dataclass(frozen=True)
-class TargetConfig:
+class DistillationConfig:
     """How refined posteriors teach the guide.
 
     Args:
@@ -54,10 +54,10 @@ class TargetConfig:
     def __post_init__(self) -> None:
         for name in ("weight", "level_weight"):
             if not 0 <= getattr(self, name) < math.inf:
-                raise InputError(f"TargetConfig: {name} is {getattr(self, name)}; it must be at least 0.")
+                raise InputError(f"DistillationConfig: {name} is {getattr(self, name)}; it must be at least 0.")
         if self.rounds < 1 or self.frame_step < 1 or not 0 < self.smoothing_deg < 180 or not 0 <= self.warmup <= 1:
             raise InputError(
-                f"TargetConfig: rounds {self.rounds} and frame_step {self.frame_step} must be at least 1, "
+                f"DistillationConfig: rounds {self.rounds} and frame_step {self.frame_step} must be at least 1, "
                 f"smoothing_deg {self.smoothing_deg} between 0 and 180, and warmup {self.warmup} between 0 and 1."
             )
 
@@ -66,7 +66,7 @@ class TargetConfig:
         return min(1.0, step / max(1.0, self.warmup * total_steps)) if self.weight or self.level_weight else 0.0
 
 
-class TaughtLoss(nn.Module):
+class DistillationLoss(nn.Module):
     """The negative ELBO of a batch, with the cross-entropies to refined targets beside it.
 
     Args:
@@ -84,14 +84,14 @@ class TaughtLoss(nn.Module):
         estimator: Trace_ELBO,
         model: SpatialCGMM,
         guide: AmortizedGuide | None,
-        config: TargetConfig,
+        config: DistillationConfig,
         *,
         diffuse_class: bool = False,
     ) -> None:
         super().__init__()
-        assert isinstance(estimator, RecordsTerms)
+        assert isinstance(estimator, ElboTermsMixin)
         self.loss = loss
-        self._estimator: RecordsTerms = estimator
+        self._estimator: ElboTermsMixin = estimator
         self._num_directed = model.num_sources - diffuse_class
         # In tuples, so that their parameters are not registered a second time.
         self._model, self._guide = (model,), (guide,)
@@ -141,7 +141,7 @@ class TaughtLoss(nn.Module):
         return of_directions, -(target.pi_bk * log_level_bk).sum(-1).mean()
 
     @torch.no_grad()
-    def _refine(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MixturePoint:
+    def _refine(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MapEMState:
         (model,) = self._model
         ascent = model_ascent(model, x_bfmt, mu_bkd, frame_step=self._config.frame_step)
         equal_bk = mu_bkd.new_full(mu_bkd.shape[:-1], 1 / mu_bkd.shape[-2])

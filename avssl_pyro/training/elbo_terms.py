@@ -70,7 +70,7 @@ def _mean_over_particles(value: Tensor) -> Tensor:
     return value if value.dim() <= 1 else value.flatten(0, -2).mean(0)
 
 
-class RecordsTerms:
+class ElboTermsMixin:
     """Mixin of an ELBO estimator that keeps the terms and the guide's trace of its last evaluation."""
 
     terms: ElboTerms | None = None
@@ -83,9 +83,9 @@ class RecordsTerms:
         return model_trace, guide_trace
 
 
-class RecordingTraceELBO(RecordsTerms, Trace_ELBO):
+class TraceELBOWithTerms(ElboTermsMixin, Trace_ELBO):
     """Trace_ELBO that records its terms."""
 
 
-class RecordingMeanFieldELBO(RecordsTerms, TraceMeanField_ELBO):
+class TraceMeanFieldELBOWithTerms(ElboTermsMixin, TraceMeanField_ELBO):
     """TraceMeanField_ELBO (analytic KL where torch has one) that records its terms."""

@@ -13,7 +13,7 @@ from avssl_pyro.atomic_file import write_atomically
 LOG_NAME = "log.jsonl"
 
 
-class Reporter:
+class MetricsLogger:
     """Shows and keeps records of a run; one that is disabled does neither.
 
     Args:

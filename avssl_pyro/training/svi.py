@@ -26,13 +26,13 @@ from avssl_pyro.datasets.sampling import WindowShuffleSampler
 from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.systems.checkpoint import save_checkpoint
-from avssl_pyro.training.divergence import diverged_gradient, diverged_loss
-from avssl_pyro.interruption import StopRequest
-from avssl_pyro.training.distillation import TargetConfig, TaughtLoss
-from avssl_pyro.training.metrics_logger import Reporter
 from avssl_pyro.systems.system import System
-from avssl_pyro.training.elbo_terms import ElboTerms, RecordingMeanFieldELBO, RecordsTerms
+from avssl_pyro.training.distillation import DistillationConfig, DistillationLoss
+from avssl_pyro.training.divergence import diverged_gradient, diverged_loss
+from avssl_pyro.training.elbo_terms import ElboTerms, ElboTermsMixin, TraceMeanFieldELBOWithTerms
+from avssl_pyro.training.metrics_logger import MetricsLogger
 from avssl_pyro.training.state import TrainingState
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
@@ -87,7 +87,7 @@ def train(
     run_dir: Path,
     fabric: Fabric,
     estimator: Trace_ELBO | None = None,
-    targets: TargetConfig | None = None,
+    targets: DistillationConfig | None = None,
     *,
     stop_after: int | None = None,
 ) -> None:
@@ -101,7 +101,7 @@ def train(
         config: optimization settings; must be those of the run that is continued.
         run_dir: folder of the run.
         fabric: devices, processes and precision; already launched.
-        estimator: any Pyro ELBO with :class:`RecordsTerms`; the mean-field one (analytic KL) by default.
+        estimator: any Pyro ELBO with :class:`ElboTermsMixin`; the mean-field one (analytic KL) by default.
         targets: refined posteriors that teach the guide beside the ELBO; none by default.
         stop_after: leave after this many steps in all, as if interrupted.
 
@@ -109,9 +109,9 @@ def train(
         TrainingDivergedError: see there; the last checkpoint stays.
         KeyboardInterrupt: ctrl-C or SIGTERM; raised after the state was saved.
     """
-    estimator = estimator or RecordingMeanFieldELBO()
-    targets = targets or TargetConfig()
-    assert isinstance(estimator, RecordsTerms)
+    estimator = estimator or TraceMeanFieldELBOWithTerms()
+    targets = targets or DistillationConfig()
+    assert isinstance(estimator, ElboTermsMixin)
     loss_module = _loss_module(system, estimator, targets, config)
     trained = [parameter for parameter in loss_module.parameters() if parameter.requires_grad]
     optimizer = torch.optim.AdamW(trained, lr=config.learning_rate, weight_decay=config.weight_decay)
@@ -126,7 +126,7 @@ def train(
     module, fabric_optimizer = fabric.setup(loss_module, optimizer)
     state = TrainingState(run_dir, system, optimizer)
     first_step = state.load()
-    reporter = Reporter(
+    reporter = MetricsLogger(
         run_dir,
         first_step=first_step,
         total_steps=total_steps,
@@ -134,7 +134,7 @@ def train(
         enabled=fabric.is_global_zero,
     )
     last_save, step, stopping = time.monotonic(), first_step, False
-    with contextlib.closing(reporter), StopRequest() as stop, _private_pyro():
+    with contextlib.closing(reporter), GracefulInterrupt() as stop, _private_pyro():
         for batch in _batches(dataset, sampler, config, first_step, total_steps, fabric.device):
             _seed_step(config.seed, step, fabric.global_rank)
             learning_rate = config.learning_rate * _schedule(step, total_steps, config)
@@ -180,11 +180,11 @@ def train(
 
 
 def _loss_module(
-    system: System, estimator: Trace_ELBO, targets: TargetConfig, config: OptimizationConfig
-) -> TaughtLoss:
+    system: System, estimator: Trace_ELBO, targets: DistillationConfig, config: OptimizationConfig
+) -> DistillationLoss:
     with pyro.settings.context(module_local_params=True):
         elbo = estimator(system.model, system.guide)
-    loss_module = TaughtLoss(
+    loss_module = DistillationLoss(
         elbo,
         estimator,
         system.model,

@@ -8,11 +8,11 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.video_writer import SoundTrack, open_video
+from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.tracking.timeline import Timeline
 from avssl_pyro.viz.frame_annotator import AnnotationStyle, FrameAnnotator
-from avssl_pyro.io.video_writer import SoundTrack, open_video
 
 # Sound is read in pieces of this many samples.
 BLOCK = SAMPLE_RATE

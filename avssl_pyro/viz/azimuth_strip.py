@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.tracking.timeline import MAX_TURN, NamedSource, Timeline
-from avssl_pyro.viz.panorama_axes import Canvas
+from avssl_pyro.tracking.timeline import MAX_TURN, IdentifiedSource, Timeline
 from avssl_pyro.viz.palette import Color
-from avssl_pyro.viz.sprites import Lettering
+from avssl_pyro.viz.panorama_axes import Canvas
+from avssl_pyro.viz.sprites import TextRenderer
 
 TRAIL_S = 6.0
 BACKGROUND: Color = (0.09, 0.1, 0.12)
@@ -81,7 +81,7 @@ class CompassStrip:
     def height(self) -> int:
         return len(self._empty_ijc)
 
-    def draw(self, strip_ijc: npt.NDArray[np.uint8], time_s: float, sources: Sequence[NamedSource]) -> None:
+    def draw(self, strip_ijc: npt.NDArray[np.uint8], time_s: float, sources: Sequence[IdentifiedSource]) -> None:
         """Paints the strip of a time and its sources into ``strip_ijc``, uint8 RGB (height, width, 3)."""
         strip_ijc[:] = self._empty_ijc
         self._draw_trails(strip_ijc, time_s)
@@ -94,7 +94,7 @@ class CompassStrip:
     def _draw_ruler(self) -> None:
         """Tick marks every ten degrees, figures every thirty, and the lines of level 1/2 and 1."""
         picture_ijc, canvas, unit = self._empty_ijc, self._canvas, self._unit
-        small = Lettering(13 * unit)
+        small = TextRenderer(13 * unit)
         for row, share in ((self._ceiling, 0.12), (round((self._ceiling + self._floor) / 2), 0.08)):
             picture_ijc[row] = _bytes(_mixed(WHITE, share))
         thick = max(1, round(unit))
@@ -108,12 +108,12 @@ class CompassStrip:
                 picture_ijc[self._floor : self._floor + length, left : left + thick] = _bytes(_mixed(WHITE, 0.8))
             if labelled:
                 self._draw_degrees(small, degrees, x)
-        caption = Lettering(10.5 * unit)
+        caption = TextRenderer(10.5 * unit)
         for text, top in (("level 1", self._ceiling), (f"last {TRAIL_S:g} s", self._trail_top)):
             stamp = caption.stamp(text, WHITE, 0.45)
             stamp.lay_over(picture_ijc, 6 * unit + stamp.columns / 2, top + 2 * unit + stamp.rows / 2)
 
-    def _draw_degrees(self, lettering: Lettering, degrees: int, x: float) -> None:
+    def _draw_degrees(self, lettering: TextRenderer, degrees: int, x: float) -> None:
         """The figure of a tick, whole at both edges if it meets the seam."""
         text = {0: "0°", -180: "±180°"}.get(degrees, f"{degrees:+d}°".replace("-", "−"))
         stamp = lettering.stamp(text, WHITE, 0.9)
@@ -122,7 +122,7 @@ class CompassStrip:
             middle = float(np.clip(x + shift, half, self._canvas.width - half))
             stamp.lay_over(self._empty_ijc, middle, self._floor + 9 * self._unit + stamp.rows / 2)
 
-    def _draw_bar(self, strip_ijc: npt.NDArray[np.uint8], source: NamedSource, color: Color) -> None:
+    def _draw_bar(self, strip_ijc: npt.NDArray[np.uint8], source: IdentifiedSource, color: Color) -> None:
         canvas, unit = self._canvas, self._unit
         x, half = canvas.column(source.azimuth), 5.5 * unit
         top = self._floor - max(2 * unit, min(source.level, 1.0) * (self._floor - self._ceiling))

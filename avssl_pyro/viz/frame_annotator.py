@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.tracking.timeline import NamedSource, Timeline
-from avssl_pyro.viz.panorama_axes import BoxSize, Canvas, place_boxes
+from avssl_pyro.tracking.timeline import IdentifiedSource, Timeline
 from avssl_pyro.viz.azimuth_strip import CompassStrip
 from avssl_pyro.viz.palette import Color, ink_on
-from avssl_pyro.viz.sprites import Lettering, Stamp, rounded_box
+from avssl_pyro.viz.panorama_axes import BoxSize, Canvas, place_boxes
+from avssl_pyro.viz.sprites import Sprite, TextRenderer, rounded_box
 from avssl_pyro.viz.track_colors import track_colors
 
 # Letters need so many columns, and browsers and two cores no more than so many.
@@ -67,9 +67,9 @@ class FrameAnnotator:
         self._strip = CompassStrip(self._canvas, timeline, self._colors, style.show_spread)
         self.height = 2 * -(-(self._picture_rows + self._strip.height) // 2)
         self._unit = self.width / 1152
-        self._label = Lettering(15 * self._unit, bold=True)
-        self._clock = Lettering(14 * self._unit)
-        self._stamps: dict[tuple[str, Color], Stamp] = {}
+        self._label = TextRenderer(15 * self._unit, bold=True)
+        self._clock = TextRenderer(14 * self._unit)
+        self._stamps: dict[tuple[str, Color], Sprite] = {}
 
     def draw(self, frame_ijc: npt.NDArray[np.uint8], time_s: float) -> npt.NDArray[np.uint8]:
         """Annotates the frame of a time.
@@ -98,7 +98,7 @@ class FrameAnnotator:
         self._strip.draw(strip_ijc, time_s, sources)
         return page_ijc
 
-    def _draw_columns(self, picture_ijc: npt.NDArray[np.uint8], sources: Sequence[NamedSource]) -> None:
+    def _draw_columns(self, picture_ijc: npt.NDArray[np.uint8], sources: Sequence[IdentifiedSource]) -> None:
         """Glows and lines. They are alike in every row, so each column is mixed with one color by one share."""
         kept_j = np.ones(self.width, dtype=np.float32)
         added_jc = np.zeros((self.width, 3), dtype=np.float32)
@@ -125,7 +125,9 @@ class FrameAnnotator:
             under_ijc = picture_ijc[:, run[0] : run[-1] + 1]
             under_ijc[:] = (under_ijc * share_jc[run] + paint_jc[run]) >> 8
 
-    def _draw_labels(self, picture_ijc: npt.NDArray[np.uint8], sources: Sequence[NamedSource], time_s: float) -> None:
+    def _draw_labels(
+        self, picture_ijc: npt.NDArray[np.uint8], sources: Sequence[IdentifiedSource], time_s: float
+    ) -> None:
         """Boxes along the upper edge, where a full sphere shows the ceiling; in order of names, so that none jumps."""
         held = {source.name: source for source in self._timeline.at(time_s // LABEL_S * LABEL_S)}
         named = sorted(sources, key=lambda source: source.name)
@@ -137,16 +139,16 @@ class FrameAnnotator:
             for x in box.centers:
                 stamp.lay_over(picture_ijc, x, box.y)
 
-    def _label_stamp(self, source: NamedSource) -> Stamp:
+    def _label_stamp(self, source: IdentifiedSource) -> Sprite:
         spread = f" ±{np.rad2deg(source.azimuth_std):.0f}°" if self._style.show_spread else ""
         color = self._colors[source.name]
         return self._stamp(f"{source.name}: {source.level:.2f}{spread}", color, self._draw_label)
 
-    def _draw_label(self, text: str, color: Color) -> Stamp:
+    def _draw_label(self, text: str, color: Color) -> Sprite:
         """Text in a box of the source's color with a dark edge."""
         mask_ij, edge = self._label.mask(text), max(1, round(self._unit))
         rows, columns = mask_ij.shape[0] + round(5 * self._unit), mask_ij.shape[1] + round(14 * self._unit)
-        stamp = Stamp(rows + 2 * edge, columns + 2 * edge)
+        stamp = Sprite(rows + 2 * edge, columns + 2 * edge)
         stamp.paint(rounded_box(stamp.rows, stamp.columns, 5 * self._unit), DARK)
         stamp.paint(rounded_box(rows, columns, 4 * self._unit), color)
         stamp.paint(mask_ij, INK[ink_on(color)])
@@ -157,14 +159,14 @@ class FrameAnnotator:
         margin = 8 * self._unit
         stamp.lay_over(picture_ijc, margin + stamp.columns / 2, self._picture_rows - margin - stamp.rows / 2)
 
-    def _draw_time(self, text: str, color: Color) -> Stamp:
+    def _draw_time(self, text: str, color: Color) -> Sprite:
         mask_ij = self._clock.mask(text)
-        stamp = Stamp(mask_ij.shape[0] + round(4 * self._unit), mask_ij.shape[1] + round(12 * self._unit))
+        stamp = Sprite(mask_ij.shape[0] + round(4 * self._unit), mask_ij.shape[1] + round(12 * self._unit))
         stamp.paint(rounded_box(stamp.rows, stamp.columns, 4 * self._unit), DARK, 0.6)
         stamp.paint(mask_ij, color)
         return stamp
 
-    def _stamp(self, text: str, color: Color, draw: Callable[[str, Color], Stamp]) -> Stamp:
+    def _stamp(self, text: str, color: Color, draw: Callable[[str, Color], Sprite]) -> Sprite:
         """What ``draw`` makes of a text, kept for the frames that follow."""
         if len(self._stamps) >= MOST_STAMPS:
             self._stamps.clear()

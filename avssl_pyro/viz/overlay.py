@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Polygon
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
-from avssl_pyro.viz.activation import blend, mute, resize_circular, strength_maps
-from avssl_pyro.viz.panorama_axes import MIN_WIDTH, Box, BoxSize, Canvas, place_boxes
-from avssl_pyro.viz.palette import OKABE_ITO, Color, color_of, ink_on
 from avssl_pyro.io.png import save_png
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
+from avssl_pyro.viz.activation import blend, mute, resize_circular, strength_maps
+from avssl_pyro.viz.palette import OKABE_ITO, Color, color_of, ink_on
+from avssl_pyro.viz.panorama_axes import MIN_WIDTH, BoxSize, Canvas, LabelBox, place_boxes
 
 DPI = 100
 # A class that is no source is shown faintly if it looks at one place (largest weight) where no source is (radians).
@@ -49,7 +49,7 @@ def _peak_row(strength_ij: npt.NDArray[np.float32], azimuth: float) -> float:
 
 
 def _marks(
-    posterior: ScenePosterior,
+    posterior: ClipPosterior,
     sources: Sequence[LocalizedSource],
     grid: DirectionGrid,
     strength_kij: npt.NDArray[np.float32],
@@ -71,7 +71,7 @@ def _marks(
     return marks
 
 
-def _draw_box(ax: Axes, unit: float, mark: _Mark, box: Box, size: BoxSize) -> None:
+def _draw_box(ax: Axes, unit: float, mark: _Mark, box: LabelBox, size: BoxSize) -> None:
     """The level in a box, filled for a source, hollow for a silent class."""
     filled = mark.source is not None
     for x in box.centers:
@@ -169,7 +169,7 @@ def _render(background_ijc: npt.NDArray[np.uint8], draw: Callable[[Axes], None])
 
 def draw_overlay(
     image_ijc: npt.NDArray[np.uint8],
-    posterior: ScenePosterior,
+    posterior: ClipPosterior,
     sources: Sequence[LocalizedSource],
     grid: DirectionGrid,
     *,
@@ -223,7 +223,7 @@ def draw_overlay(
 def save_overlay(
     path: Path,
     image_ijc: npt.NDArray[np.uint8],
-    posterior: ScenePosterior,
+    posterior: ClipPosterior,
     sources: Sequence[LocalizedSource],
     grid: DirectionGrid,
     *,

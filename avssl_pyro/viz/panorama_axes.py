@@ -54,7 +54,7 @@ class Canvas:
 
 
 @dataclass(frozen=True)
-class Box:
+class LabelBox:
     """A box around each of some horizontal centers, at one height."""
 
     centers: tuple[float, ...]
@@ -67,7 +67,7 @@ class BoxSize:
     height: float
 
 
-def place_boxes(anchors: Sequence[tuple[float, float]], canvas: Canvas, size: BoxSize) -> list[Box]:
+def place_boxes(anchors: Sequence[tuple[float, float]], canvas: Canvas, size: BoxSize) -> list[LabelBox]:
     """Places a box above each anchor (x, y), moved up or down out of the way of those before it.
 
     A box that would cross the seam is drawn whole at both edges instead.
@@ -75,7 +75,7 @@ def place_boxes(anchors: Sequence[tuple[float, float]], canvas: Canvas, size: Bo
     gap = 3 * canvas.unit
     half = size.width / 2 + gap
     low, high = size.height / 2 + gap, canvas.image_height - size.height / 2 - gap
-    placed: list[Box] = []
+    placed: list[LabelBox] = []
 
     def overlaps(centers: tuple[float, ...], y: float) -> bool:
         return any(
@@ -91,5 +91,5 @@ def place_boxes(anchors: Sequence[tuple[float, float]], canvas: Canvas, size: Bo
         steps = [sign * step * (size.height + gap) for step in range(12) for sign in (-1, 1)]
         heights = [float(np.clip(wish + step, low, high)) for step in steps]
         y = next((height for height in heights if not overlaps(centers, height)), heights[0])
-        placed.append(Box(centers, y))
+        placed.append(LabelBox(centers, y))
     return placed

@@ -17,7 +17,7 @@ from matplotlib.projections.polar import PolarAxes
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import SceneLabels
 from avssl_pyro.errors import InputError
-from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 from avssl_pyro.viz.palette import OKABE_ITO, color_of
 
 PANEL_INCHES = 2.7
@@ -49,7 +49,7 @@ class Circle:
 
     @classmethod
     def of(
-        cls, posterior: ScenePosterior, sources: Sequence[LocalizedSource] = (), truth: SceneLabels | None = None
+        cls, posterior: ClipPosterior, sources: Sequence[LocalizedSource] = (), truth: SceneLabels | None = None
     ) -> "Circle":
         """A posterior, what was selected from it, and the truth if it is known."""
         truth = truth or SceneLabels(())

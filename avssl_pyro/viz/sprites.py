@@ -15,7 +15,7 @@ FONT_FOLDER = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 FINER = 4
 
 
-class Stamp:
+class Sprite:
     """A transparent picture to paint on, and then to lay over frames.
 
     Bytes times 256 fit into sixteen bits, in which frames are mixed several times faster than in floats.
@@ -50,7 +50,7 @@ class Stamp:
         under_ijc[:] = (under_ijc * self._kept_ij1[part] + self._added_ijc[part]) >> 8
 
 
-class Lettering:
+class TextRenderer:
     """Text in the font of the project's other pictures.
 
     Args:
@@ -70,10 +70,10 @@ class Lettering:
         ImageDraw.Draw(canvas).text((0, 0), text, font=self._font, fill=255)
         return np.asarray(canvas, dtype=np.float32) / np.float32(255)
 
-    def stamp(self, text: str, color: Color, opacity: float = 1.0) -> Stamp:
+    def stamp(self, text: str, color: Color, opacity: float = 1.0) -> Sprite:
         """The text alone."""
         mask_ij = self.mask(text)
-        stamp = Stamp(*mask_ij.shape)
+        stamp = Sprite(*mask_ij.shape)
         stamp.paint(mask_ij, color, opacity)
         return stamp
 

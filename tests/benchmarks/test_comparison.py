@@ -4,9 +4,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from avssl_pyro.benchmarks.comparison import run_methods, score_runs
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
-from avssl_pyro.benchmarks.comparison import run_methods, score_runs
 from avssl_pyro.evaluation.chance import ConstantCount, RandomAtTrueCount
 
 IMAGE = np.zeros((88, 288, 3), dtype=np.uint8)

@@ -6,15 +6,15 @@ import pytest
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.errors import InputError
 from avssl_pyro.benchmarks.condition import cell_from_dict, cell_to_dict, run_cell
-from avssl_pyro.benchmarks.condition_cache import CellStore
+from avssl_pyro.benchmarks.condition_cache import ConditionCache
 from avssl_pyro.benchmarks.condition_tables import calibrations, coverage_table, roc_curves, talking_table, timing_table
 from avssl_pyro.benchmarks.paper_report import score_cells
-from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
-from avssl_pyro.localization.posterior import ScenePosterior
+from avssl_pyro.clip import Clip, SceneLabels
+from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.peaks import PeakSetting
+from avssl_pyro.localization.posterior import ClipPosterior
 
 GRID = DirectionGrid()
 IMAGE = np.zeros((88, 288, 3), dtype=np.uint8)
@@ -40,7 +40,7 @@ def posterior(clip, silent_level):
     weights_kd = np.exp(-0.5 * (away_kd / np.deg2rad(4.0)) ** 2) + 1e-12
     weights_kd /= weights_kd.sum(-1, keepdims=True)
     level_k = np.array([0.3] * (k - 1) + [silent_level])
-    return ScenePosterior(weights_kd, level_k, np.full(k, 0.01), np.full(k, STD))
+    return ClipPosterior(weights_kd, level_k, np.full(k, 0.01), np.full(k, STD))
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def test_the_report_shows_times_and_coverage_and_names_what_is_behind():
 
 
 def test_a_store_runs_once_and_other_facts_run_again(tmp_path):
-    store = CellStore(tmp_path / "cells")
+    store = ConditionCache(tmp_path / "cells")
     calls = []
 
     def run():
@@ -134,7 +134,7 @@ def test_a_store_runs_once_and_other_facts_run_again(tmp_path):
 
 
 def test_a_full_disk_leaves_no_cell(tmp_path, full_disk):
-    store = CellStore(tmp_path)
+    store = ConditionCache(tmp_path)
     with pytest.raises(OSError, match="No space"):
         store.get_or_run("x", {}, lambda: cell(num=2))
     assert list(tmp_path.iterdir()) == []
@@ -142,7 +142,7 @@ def test_a_full_disk_leaves_no_cell(tmp_path, full_disk):
 
 @pytest.mark.parametrize("content", ["{", "[]", '{"condition": "x"}'])
 def test_a_damaged_cell_is_named(tmp_path, content):
-    store = CellStore(tmp_path)
+    store = ConditionCache(tmp_path)
     store.path("x", {}).write_text(content)
     with pytest.raises(InputError, match=r"damaged .* delete it and run the same command again"):
         store.get_or_run("x", {}, lambda: cell(num=2))

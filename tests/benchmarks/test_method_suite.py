@@ -7,7 +7,7 @@ import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig
-from avssl_pyro.benchmarks.method_suite import LineUp, system_band_hz
+from avssl_pyro.benchmarks.method_suite import MethodSuite, system_band_hz
 from avssl_pyro.evaluation.tables import METHOD_ORDER
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
@@ -20,23 +20,23 @@ def small_system(audio_net: bool = True) -> System:
 
 
 @pytest.fixture(scope="module")
-def line_up() -> LineUp:
+def line_up() -> MethodSuite:
     system = small_system()
-    return LineUp(system, system, RefinementConfig(rounds=3))
+    return MethodSuite(system, system, RefinementConfig(rounds=3))
 
 
-def test_every_row_of_the_tables_but_the_trivial_ones(line_up: LineUp) -> None:
+def test_every_row_of_the_tables_but_the_trivial_ones(line_up: MethodSuite) -> None:
     assert [method.name for method in line_up.methods()] == list(METHOD_ORDER[2:])
 
 
 def test_without_an_audio_network_all_rows_are_there() -> None:
     """Refinement starts from the picture and from equal levels, so it does not miss the network."""
     system = small_system(audio_net=False)
-    names = [method.name for method in LineUp(system, system, RefinementConfig()).methods()]
+    names = [method.name for method in MethodSuite(system, system, RefinementConfig()).methods()]
     assert names == list(METHOD_ORDER[2:])
 
 
-def test_the_baselines_search_the_band_they_are_told(line_up: LineUp) -> None:
+def test_the_baselines_search_the_band_they_are_told(line_up: MethodSuite) -> None:
     band = system_band_hz(line_up.system)
     # Bins of 31.25 Hz: 7 to 128, and the end that pyroomacoustics leaves out.
     assert band == (218.75, 4031.25)
@@ -44,7 +44,7 @@ def test_the_baselines_search_the_band_they_are_told(line_up: LineUp) -> None:
         assert [method.freq_range_hz for method in given.methods()[:3]] == [expected] * 3  # type: ignore[attr-defined]
 
 
-def test_facts_tell_apart_whatever_changes_the_numbers(line_up: LineUp) -> None:
+def test_facts_tell_apart_whatever_changes_the_numbers(line_up: MethodSuite) -> None:
     facts = line_up.facts()
     assert replace(line_up, workers=2).facts() == facts
     for other in (

@@ -1,10 +1,10 @@
 import numpy as np
 
 from avssl_pyro.acoustics.grid import DirectionGrid
+from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
 from avssl_pyro.clip import Clip
 from avssl_pyro.evaluation.methods import tune
-from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
-from avssl_pyro.localization.posterior import ScenePosterior
+from avssl_pyro.localization.posterior import ClipPosterior
 
 GRID = DirectionGrid()
 IMAGE = np.zeros((88, 288, 3), dtype=np.uint8)
@@ -18,7 +18,7 @@ def posterior(index):
     weights_kd[1, 54] = 1.0
     weights_kd[2] = 1.0
     weights_kd /= weights_kd.sum(axis=-1, keepdims=True)
-    return ScenePosterior(weights_kd, LEVELS, np.full(3, 0.01), np.full(3, 0.02), np.zeros((3, 44, 144), np.float32))
+    return ClipPosterior(weights_kd, LEVELS, np.full(3, 0.01), np.full(3, 0.02), np.zeros((3, 44, 144), np.float32))
 
 
 def clips(number):
@@ -49,6 +49,6 @@ def test_tuning_leaves_out_the_silent_and_the_diffuse_class():
 
 
 def test_no_source_is_an_empty_vector():
-    silent = ScenePosterior(np.full((2, 72), 1 / 72), np.full(2, 0.5), np.zeros(2), np.zeros(2))
+    silent = ClipPosterior(np.full((2, 72), 1 / 72), np.full(2, 0.5), np.zeros(2), np.zeros(2))
     method = PosteriorMethod("amortized", lambda batch: [silent for _ in batch], GRID)
     assert method.decide(silent, method.settings[-1]).shape == (0,)

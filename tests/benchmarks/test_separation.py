@@ -6,18 +6,18 @@ import pytest
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.clip import Clip
 from avssl_pyro.benchmarks.separation import UNPROCESSED, Improvements, SeparationExperiment
 from avssl_pyro.benchmarks.separation_methods import DelayAndSumAtTruth, Estimates, OracleMasks, PosteriorSeparation
 from avssl_pyro.benchmarks.separation_table import lead, separation_table
 from avssl_pyro.benchmarks.talker_mixtures import TalkerMixture, draw_mixture
-from avssl_pyro.separation.beamforming import Masking, WienerFilter
-from avssl_pyro.localization.posterior import ScenePosterior, SourceThresholds
+from avssl_pyro.clip import Clip
 from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import ClipPosterior, SourceThresholds
+from avssl_pyro.separation.beamforming import Masking, WienerFilter
 from avssl_pyro.separation.separator import Separator
-from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
 from avssl_pyro.simulation.layout import Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
+from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
 
 ARRAY = PRESETS["circle4"]
 SIMULATOR = SceneSimulator(SceneConfig(condition=Condition("two", people=(2, 3), talkers=(2,))), seed=3, array=ARRAY)
@@ -37,13 +37,13 @@ class Told(Localizer):
         super().__init__(build_system(SYSTEM))
         self.azimuths = azimuths
 
-    def posteriors(self, clips: Sequence[Clip]) -> list[ScenePosterior]:
+    def posteriors(self, clips: Sequence[Clip]) -> list[ClipPosterior]:
         offset_kd = np.remainder(self.config.grid.azimuths - np.array(self.azimuths)[:, None] + np.pi, 2 * np.pi)
         weights_kd = np.exp(-0.5 * ((offset_kd - np.pi) / np.deg2rad(4)) ** 2)
         weights_kd = np.concatenate([weights_kd, np.ones((1, 72))])
         k = len(weights_kd)
         weights_kd /= weights_kd.sum(-1, keepdims=True)
-        return [ScenePosterior(weights_kd, np.full(k, 1 / k), np.full(k, 0.01), np.full(k, 0.03)) for _ in clips]
+        return [ClipPosterior(weights_kd, np.full(k, 1 / k), np.full(k, 0.01), np.full(k, 0.03)) for _ in clips]
 
 
 def separation(azimuths: Sequence[float]) -> PosteriorSeparation:

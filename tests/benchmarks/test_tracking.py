@@ -5,8 +5,8 @@ from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.benchmarks.simulated_detections import DetectorConfig, detect
 from avssl_pyro.benchmarks.tracking import SimulatedRecordings, alone, compare, nearest
 from avssl_pyro.localization.posterior import LocalizedSource
-from avssl_pyro.tracking.tracker import TrackingConfig, WindowDetections
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig, draw_moving_talkers
+from avssl_pyro.tracking.tracker import TrackingConfig, WindowDetections
 
 TOLERANCE = float(np.deg2rad(10))
 

@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from avssl_pyro.cli.camera_benchmark import main
 from avssl_pyro.benchmarks.camera import CameraTrial
+from avssl_pyro.cli.camera_benchmark import main
 
 
 def test_trials_are_kept_and_shown(checkpoint: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

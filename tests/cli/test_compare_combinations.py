@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from avssl_pyro.benchmarks.combinations import RECIPES
 from avssl_pyro.cli import compare_combinations
 from avssl_pyro.errors import InputError
-from avssl_pyro.benchmarks.combinations import RECIPES
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ import soundfile
 
 from avssl_pyro.cli import localize_recording
 from avssl_pyro.cli.localize import main
+from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.io.dcase import read_dcase
-from avssl_pyro.interruption import StopRequest
 from avssl_pyro.io.video_writer import open_video
 
 ROWS, COLUMNS, FRAME_RATE, SECONDS = 160, 320, 10.0, 3
@@ -102,7 +102,7 @@ def test_the_command_of_the_page_works(
     assert {"walk.jsonl", "walk.csv", "walk-annotated.mp4"} <= {path.name for path in tmp_path.iterdir()}
 
 
-class Impatient(StopRequest):
+class Impatient(GracefulInterrupt):
     """Somebody who presses ctrl-C after a few windows."""
 
     asked = 0
@@ -124,7 +124,7 @@ def test_an_interrupted_run_leaves_whole_lines_and_says_how_far_it_came(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(localize_recording, "StopRequest", Impatient)
+    monkeypatch.setattr(localize_recording, "GracefulInterrupt", Impatient)
     out, table, annotated = tmp_path / "out.jsonl", tmp_path / "out.csv", tmp_path / "out.mp4"
     more = ("--dcase", str(table), "--annotated", str(annotated), "--no-tracking", *ALL_CLASSES)
     assert main(arguments(checkpoint, recording, out, *more)) == 130

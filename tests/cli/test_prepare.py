@@ -9,19 +9,16 @@ import cv2
 import numpy as np
 import pytest
 import soundfile
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "data"))
-
 from recorded import write_frames, write_noise, write_video
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.prepare import main
 from avssl_pyro.cli.train import main as train
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.recordings.starss23 import list_starss
 from avssl_pyro.errors import InputError
-from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.io.video_writer import open_video
+from avssl_pyro.recordings.starss23 import list_starss
+from avssl_pyro.systems.checkpoint import load_checkpoint
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "prepare.py"
 

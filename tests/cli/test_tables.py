@@ -130,7 +130,7 @@ def test_without_checkpoints_the_shipped_weights_are_compared(
         asked.append(name)
         return load_checkpoint(save_small(tmp_path / f"{name}.safetensors", name))
 
-    monkeypatch.setattr(evaluate, "load_shipped", shipped)
+    monkeypatch.setattr(evaluate, "load_weights_of", shipped)
     scenes = arguments[arguments.index("--sets") + 1]
     with pytest.raises(RuntimeError, match="all-speak M=2 is run again"):
         evaluate.main(["--tables", "--sets", scenes, "--out", str(tmp_path / "out")])

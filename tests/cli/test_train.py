@@ -12,7 +12,7 @@ import torch
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.train import main, parse
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.systems.pretrained import load_shipped
+from avssl_pyro.systems.pretrained import load_weights_of
 from avssl_pyro.training.svi import CHECKPOINT_NAME
 
 SMALL = ["--guide.visual-channels", "4", "8", "--guide.audio-channels", "8", "--optimization.batch-size", "4"]
@@ -34,7 +34,7 @@ def test_a_preset_gives_defaults_that_options_override() -> None:
 def test_shipped_weights_are_adapted_to_another_array_by_their_name(scene_folder: Path, tmp_path: Path) -> None:
     few = ["--optimization.epochs", "1", "--optimization.batch-size", "4"]
     main(["--preset", "adapt", "--data", str(scene_folder), "--array", "circle2", "--out", str(tmp_path), *few])
-    adapted, shipped = load_checkpoint(tmp_path / CHECKPOINT_NAME), load_shipped("circle6")
+    adapted, shipped = load_checkpoint(tmp_path / CHECKPOINT_NAME), load_weights_of("circle6")
     assert adapted.config.array.name == "circle2"
     before = shipped.guide.state_dict()
     same = {name: value.equal(before[name]) for name, value in adapted.guide.state_dict().items()}

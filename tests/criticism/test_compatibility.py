@@ -14,15 +14,14 @@ from torch import Tensor, nn
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
+from avssl_pyro.criticism.compatibility import Combination
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.per_clip import PerSceneConfig, PerSceneGuide
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.guides.gaussian_families import LowRank, MeanField
+from avssl_pyro.guides.per_clip import PerClipConfig, PerClipGuide
+from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.guides.unconstrained_gaussian import log_normal_and_dirichlet
 from avssl_pyro.guides.uniform_levels import UniformLevelGuide
-from avssl_pyro.criticism.compatibility import Combination
-from avssl_pyro.training.elbo_terms import has_analytic_kl
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, ProfiledGaussian
 from avssl_pyro.models.priors import (
@@ -39,10 +38,11 @@ from avssl_pyro.models.priors import (
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
 from avssl_pyro.networks.visual import VisualNet
+from avssl_pyro.training.elbo_terms import has_analytic_kl
 
 B, D, K, T = 2, 8, 3, 4
 STEERING_FDM = FreeField(PRESETS["circle4"])(DirectionGrid(D), np.array([500.0, 1000.0, 2000.0])).to(torch.complex64)
-STEPS = PerSceneConfig(steps=2)
+STEPS = PerClipConfig(steps=2)
 
 
 def amortized(_: SpatialCGMM | None = None) -> AmortizedGuide:
@@ -57,12 +57,12 @@ def refined(model: SpatialCGMM) -> RefinedGuide:
     return RefinedGuide(amortized(), model, RefinementConfig(rounds=2))
 
 
-def mean_field(model: SpatialCGMM) -> PerSceneGuide:
-    return PerSceneGuide(amortized(), model, MeanField(), STEPS)
+def mean_field(model: SpatialCGMM) -> PerClipGuide:
+    return PerClipGuide(amortized(), model, MeanField(), STEPS)
 
 
-def low_rank(model: SpatialCGMM) -> PerSceneGuide:
-    return PerSceneGuide(amortized(), model, LowRank(2), STEPS)
+def low_rank(model: SpatialCGMM) -> PerClipGuide:
+    return PerClipGuide(amortized(), model, LowRank(2), STEPS)
 
 
 class Choice(NamedTuple):
@@ -256,4 +256,4 @@ def test_mixed_up_arguments_are_told(data: tuple[Tensor, Tensor]) -> None:
     with pytest.raises(InputError, match="has nothing to train"):
         Combination(model, mean_field(model).fitted_to(*data), Trace_ELBO()).trainable_loss()
     with pytest.raises(InputError, match="the start has 3 source classes and the model 4"):
-        PerSceneGuide(guide, SpatialCGMM(STEERING_FDM, K + 1))
+        PerClipGuide(guide, SpatialCGMM(STEERING_FDM, K + 1))

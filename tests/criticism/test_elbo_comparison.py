@@ -22,18 +22,18 @@ from torch.distributions import kl_divergence
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig, stft
-from avssl_pyro.distributions.spatial_mixture import SpatialMixture
-from avssl_pyro.inference import closed_form
+from avssl_pyro.criticism import closed_form
 from avssl_pyro.criticism.elbo_comparison import (
     Difference,
     explicit_mask_differences,
     mean_field_differences,
     sampled_agreement,
 )
-from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
-from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO, RecordingTraceELBO, has_analytic_kl
+from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+from avssl_pyro.training.elbo_terms import TraceELBOWithTerms, TraceMeanFieldELBOWithTerms, has_analytic_kl
 
 CONFIG = SystemConfig(
     PRESETS["circle4"],
@@ -184,7 +184,7 @@ def test_every_divergence_of_the_default_system_is_analytic(system: System, clip
 def test_certain_levels_cost_their_prior_density(clips: tuple[Tensor, Tensor]) -> None:
     without_audio = make_system(replace(CONFIG, guide=replace(CONFIG.guide, audio_net=False)))
     assert sites(without_audio, clips) == {"direction_weights": True, "mixing_levels": True}
-    estimator = RecordingMeanFieldELBO()
+    estimator = TraceMeanFieldELBOWithTerms()
     estimator(without_audio.model, without_audio.guide)(*clips)
     assert estimator.terms is not None
     prior = dist.Dirichlet(torch.full((3,), 0.01, dtype=torch.float64))
@@ -214,7 +214,7 @@ def gamma_weights(num_sources: int, num_directions: int, like: Tensor) -> dist.T
 def test_terms_without_analytic_divergence_are_those_pyro_samples(system: System, clips: tuple[Tensor, Tensor]) -> None:
     model = SpatialCGMM(CONFIG.steering(torch.complex128), 3, direction_prior=gamma_weights)
     assert sites(replace(system, model=model), clips) == {"direction_weights": False, "mixing_levels": True}
-    estimator = RecordingMeanFieldELBO()
+    estimator = TraceMeanFieldELBOWithTerms()
     torch.manual_seed(7)
     loss = estimator(model, system.guide)(*clips)
     assert estimator.terms is not None
@@ -235,7 +235,7 @@ def test_terms_without_analytic_divergence_are_those_pyro_samples(system: System
 def test_recorded_terms_add_up_to_the_loss(
     particles: int, vectorize: bool, system: System, clips: tuple[Tensor, Tensor]
 ) -> None:
-    estimator = RecordingMeanFieldELBO(num_particles=particles, vectorize_particles=vectorize, max_plate_nesting=1)
+    estimator = TraceMeanFieldELBOWithTerms(num_particles=particles, vectorize_particles=vectorize, max_plate_nesting=1)
     plain = TraceMeanField_ELBO(num_particles=particles, vectorize_particles=vectorize, max_plate_nesting=1)
     torch.manual_seed(8)
     loss = estimator(system.model, system.guide)(*clips).item()
@@ -252,7 +252,7 @@ def test_recorded_terms_add_up_to_the_loss(
 def test_trace_elbo_records_analytic_terms_beside_its_sampled_loss(
     system: System, clips: tuple[Tensor, Tensor]
 ) -> None:
-    sampled, analytic = RecordingTraceELBO(), RecordingMeanFieldELBO()
+    sampled, analytic = TraceELBOWithTerms(), TraceMeanFieldELBOWithTerms()
     for estimator in (sampled, analytic):
         torch.manual_seed(9)
         estimator(system.model, system.guide)(*clips)

@@ -8,11 +8,11 @@ from torch import Tensor
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.distributions.spatial_mixture import SpatialMixture
-from avssl_pyro.guides.initializers import BlindStart
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from, log_likelihood, prior_draws, replicate
 from avssl_pyro.criticism.predictive import BeamPower, Coherence, Statistic, predictive_check
+from avssl_pyro.distributions.spatial_mixture import SpatialMixture
+from avssl_pyro.guides.initializers import UninformedInitializer
+from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from, log_likelihood, prior_draws, replicate
+from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
@@ -48,7 +48,7 @@ def test_the_truth_replicates_its_own_recording(truth: PosteriorDraws, x_fmt: Te
 
 
 def test_a_posterior_replicates_the_recording_better_than_the_prior(x_fmt: Tensor) -> None:
-    refined = RefinedGuide(BlindStart(K, DirectionGrid(D)), MODEL, RefinementConfig(softening=1.0))
+    refined = RefinedGuide(UninformedInitializer(K, DirectionGrid(D)), MODEL, RefinementConfig(softening=1.0))
     posterior = draw_from(refined, x_fmt, IMAGE_CIJ, 60)
     prior = prior_draws(MODEL, x_fmt, IMAGE_CIJ, 60)
     checks = [predictive_check(MODEL, x_fmt, IMAGE_CIJ, draws, BeamPower(STEERING_FDM)) for draws in (posterior, prior)]

@@ -8,10 +8,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from avssl_pyro.errors import InputError
-from avssl_pyro.benchmarks.sbc_toy_model import SmallSystem
 from avssl_pyro.benchmarks.sbc_cache import CalibrationStore
+from avssl_pyro.benchmarks.sbc_toy_model import SmallSystem
 from avssl_pyro.criticism.sbc import quantities, rank_histogram, run_trials, uniformity
+from avssl_pyro.errors import InputError
 from avssl_pyro.guides.posterior_draws import PosteriorDraws, prior_draws
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM

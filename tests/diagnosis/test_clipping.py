@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.diagnosis.clipping import check_clipping, clipped_runs
 from avssl_pyro.diagnosis.finding import Severity
+from avssl_pyro.recordings.excerpts import Excerpts
 
 
 @settings(max_examples=25, deadline=None)

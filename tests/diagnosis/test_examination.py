@@ -8,15 +8,15 @@ import numpy.typing as npt
 import pytest
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.compatibility import matching_channels
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.compatibility import matching_channels
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.recordings.excerpts import Excerpts
-from avssl_pyro.errors import InputError
 from avssl_pyro.diagnosis.examination import examine
 from avssl_pyro.diagnosis.finding import Finding, Severity
 from avssl_pyro.diagnosis.repairs import advance, scaled
+from avssl_pyro.errors import InputError
+from avssl_pyro.recordings.excerpts import Excerpts
 from avssl_pyro.simulation.scenes import SceneSimulator
 
 NUM_CLIPS = 5

@@ -12,13 +12,13 @@ from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.distributions.map_em import MixtureAscent, Tail
 from avssl_pyro.distributions.log_weight_priors import (
     GammaLogWeights,
     HalfNormalLogWeights,
     LogWeightPrior,
     NormalLogWeights,
 )
+from avssl_pyro.distributions.map_em import DensityGenerator, MapEM
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.distributions.student_mixture import StudentMixture
@@ -52,12 +52,12 @@ def x_bfmt() -> Tensor:
 
 def make_ascent(
     x_bfmt: Tensor, prior: LogWeightPrior | float, alpha: float, diffuse: float = 0.05, weight: float = 1.0
-) -> MixtureAscent:
+) -> MapEM:
     """With the paper's likelihood; a number is the precision of a normal prior."""
     observed = observe(x_bfmt)
-    tail = Tail(observed.num_microphones, observed.num_microphones * observed.floor_b)
+    tail = DensityGenerator(observed.num_microphones, observed.num_microphones * observed.floor_b)
     prior = NormalLogWeights(prior**-0.5) if isinstance(prior, float) else prior
-    return MixtureAscent(observed, TEMPLATE_DFMM, diffuse, tail, prior, alpha, weight)
+    return MapEM(observed, TEMPLATE_DFMM, diffuse, tail, prior, alpha, weight)
 
 
 def start() -> tuple[Tensor, Tensor]:
@@ -84,7 +84,7 @@ def test_likelihood_plus_prior_never_falls(
 ) -> None:
     observed, like = observe(x_bfmt), start()[0]
     prior = direction_prior.of_log_weights(D, like)
-    ascent = MixtureAscent(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
+    ascent = MapEM(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
     log_w_bkd, pi_bk = start()
     log_w_bkd = log_w_bkd + prior.shift(log_w_bkd)
     objectives = []
@@ -101,7 +101,7 @@ def test_likelihood_plus_prior_never_falls(
 def test_the_students_likelihood_is_reported_too(x_bfmt: Tensor) -> None:
     likelihood, observed = InverseGammaPsd(0.8, 0.3), observe(x_bfmt)
     prior = NormalLogWeights()
-    ascent = MixtureAscent(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
+    ascent = MapEM(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
     (first_w, pi_bk), second_w = start(), torch.zeros(2, K, D).double()
     expected = [likelihood(TEMPLATE_DFMM, w.exp(), pi_bk, T, 0.05).log_prob(x_bfmt) for w in (first_w, second_w)]
     found = [ascent.step(w, pi_bk).log_likelihood_b for w in (first_w, second_w)]
@@ -181,7 +181,7 @@ def test_the_spread_is_that_of_the_expected_information(likelihood: ProfiledGaus
     information_d = scores.square().mean(0) * (frames / 10)
     observed = observe(x_bfmt)
     prior = NormalLogWeights(prior_precision**-0.5)
-    ascent = MixtureAscent(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
+    ascent = MapEM(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
     point = ascent.step(log_w.detach(), pi_bk)
     at_the_truth = replace(point, log_w_bkd=log_w.detach())
     expected_d = (information_d + prior_precision).rsqrt()

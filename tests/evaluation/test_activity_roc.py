@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.evaluation.activity_roc import levels_of, roc_curve
-from avssl_pyro.localization.posterior import ScenePosterior
+from avssl_pyro.localization.posterior import ClipPosterior
 
 GRID = DirectionGrid()
 LEVELS = st.lists(st.sampled_from([0.0, 0.1, 0.2, 0.5, 0.9]), min_size=1, max_size=12)
@@ -18,7 +18,7 @@ def posterior(directions, levels):
         weights_kd[k, slice(None) if direction is None else direction] = 1.0
     weights_kd /= weights_kd.sum(axis=-1, keepdims=True)
     zeros_k = np.zeros(len(directions))
-    return ScenePosterior(weights_kd, np.array(levels), zeros_k, zeros_k)
+    return ClipPosterior(weights_kd, np.array(levels), zeros_k, zeros_k)
 
 
 def test_people_have_the_level_of_the_nearest_class_that_points_somewhere():

@@ -7,7 +7,7 @@ import torch
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.guides.initializers import BlindStart
+from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -17,7 +17,7 @@ IMAGES = torch.zeros(2, 3, 32, 48)
 
 @pytest.mark.parametrize("num_sources", [1, 2, 5])
 def test_lobes_share_the_circle_and_the_last_class_is_flat(num_sources: int) -> None:
-    mu_bkd, activation_bkij = BlindStart(num_sources, GRID).log_weights(IMAGES)
+    mu_bkd, activation_bkij = UninformedInitializer(num_sources, GRID).log_weights(IMAGES)
     assert mu_bkd.shape == (2, num_sources, 24)
     assert activation_bkij.shape == (2, num_sources, 1, 24)
     lobes = max(num_sources - 1, 1)
@@ -38,7 +38,9 @@ def test_refinement_from_there_finds_two_talkers_without_looking() -> None:
     first, second = (steering_fdm[:, d, :, None] for d in (4, 15))
     noise = 0.1 * torch.randn(2, len(frequencies), 6, 60, dtype=torch.complex64)
     x_bfmt = first * active * signal[0] + second * (1 - active) * signal[1] + noise
-    guide = RefinedGuide(BlindStart(5, GRID), SpatialCGMM(steering_fdm, num_sources=5), RefinementConfig(rounds=40))
+    guide = RefinedGuide(
+        UninformedInitializer(5, GRID), SpatialCGMM(steering_fdm, num_sources=5), RefinementConfig(rounds=40)
+    )
     found = guide.parameters_of(x_bfmt, IMAGES)
     for b in range(2):
         loud = found.concentration_bk[b].topk(2).indices

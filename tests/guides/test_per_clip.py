@@ -15,16 +15,16 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.initializers import BlindStart
-from avssl_pyro.guides.per_clip import PerSceneConfig, PerSceneGuide, dirichlet_of_moments
+from avssl_pyro.guides.gaussian_families import GaussianFamily, LowRank, MeanField
+from avssl_pyro.guides.initializers import UninformedInitializer
+from avssl_pyro.guides.per_clip import PerClipConfig, PerClipGuide, dirichlet_of_moments
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.guides.gaussian_families import LowRank, MeanField, SceneFamily
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 B, D, K, T = 2, 12, 3, 20
 FREQUENCIES = np.linspace(300.0, 3000.0, 8)
 STEERING_FDM = FreeField(PRESETS["circle4"])(DirectionGrid(D), FREQUENCIES).to(torch.complex64)
-QUICK = PerSceneConfig(steps=40)
+QUICK = PerClipConfig(steps=40)
 FAMILIES = pytest.mark.parametrize("family", [MeanField(), LowRank(rank=3)], ids=["mean-field", "low-rank"])
 
 
@@ -35,7 +35,9 @@ def model() -> SpatialCGMM:
 
 @pytest.fixture
 def start() -> RefinedGuide:
-    return RefinedGuide(BlindStart(K, DirectionGrid(D)), SpatialCGMM(STEERING_FDM, K), RefinementConfig(softening=1.0))
+    return RefinedGuide(
+        UninformedInitializer(K, DirectionGrid(D)), SpatialCGMM(STEERING_FDM, K), RefinementConfig(softening=1.0)
+    )
 
 
 @pytest.fixture
@@ -58,27 +60,27 @@ def mean_elbo(model: SpatialCGMM, guide: torch.nn.Module, data: tuple[Tensor, Te
 
 @FAMILIES
 def test_a_fit_raises_the_elbo_of_its_start(
-    family: SceneFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
+    family: GaussianFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
     start.config = replace(start.config, rounds=5)
-    fitted = PerSceneGuide(start, model, family).fitted_to(*data)
+    fitted = PerClipGuide(start, model, family).fitted_to(*data)
     assert mean_elbo(model, fitted, data) > mean_elbo(model, start, data) + 20
 
 
 @FAMILIES
 def test_what_has_arrived_is_not_made_worse(
-    family: SceneFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
+    family: GaussianFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
-    fitted = PerSceneGuide(start, model, family).fitted_to(*data)
+    fitted = PerClipGuide(start, model, family).fitted_to(*data)
     assert mean_elbo(model, fitted, data) > mean_elbo(model, start, data)
 
 
 @FAMILIES
 def test_the_elbo_estimated_by_pyro_is_that_of_the_guide_itself(
-    family: SceneFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
+    family: GaussianFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
     """One draw of the guide, whose fit must leave no trace in the estimator's."""
-    trace = pyro.poutine.trace(PerSceneGuide(start, model, family, QUICK)).get_trace(*data)
+    trace = pyro.poutine.trace(PerClipGuide(start, model, family, QUICK)).get_trace(*data)
     assert trace.stochastic_nodes == ["clip", "direction_weights", "mixing_levels"]
     assert not trace.observation_nodes
     assert trace.nodes["direction_weights"]["value"].shape == (B, K, D)
@@ -91,9 +93,9 @@ def test_the_elbo_estimated_by_pyro_is_that_of_the_guide_itself(
 
 @FAMILIES
 def test_a_clip_does_not_depend_on_its_batch_nor_a_fit_on_the_state_around_it(
-    family: SceneFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
+    family: GaussianFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
-    guide = PerSceneGuide(start, model, family, QUICK)
+    guide = PerClipGuide(start, model, family, QUICK)
     together = guide.parameters_of(*data)
     torch.manual_seed(7)
     expected = torch.rand(())
@@ -118,9 +120,9 @@ class LevelsFirst(SpatialCGMM):
 
 @FAMILIES
 def test_a_model_may_draw_its_sites_in_any_order(
-    family: SceneFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
+    family: GaussianFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
-    fitted = PerSceneGuide(start, LevelsFirst(STEERING_FDM, K), family).fitted_to(*data)
+    fitted = PerClipGuide(start, LevelsFirst(STEERING_FDM, K), family).fitted_to(*data)
     assert mean_elbo(model, fitted, data) > mean_elbo(model, start, data)
 
 
@@ -130,13 +132,13 @@ def test_a_model_with_other_latents_is_refused(start: RefinedGuide, data: tuple[
         SpatialCGMM(STEERING_FDM, K)(x_bfmt, image_bcij)
 
     with pytest.raises(InputError, match="temperature"):
-        PerSceneGuide(start, more).fitted_to(*data)
+        PerClipGuide(start, more).fitted_to(*data)
 
 
 def test_settings_out_of_range_are_refused() -> None:
     for wrong in ({"steps": 0}, {"learning_rate": 0.0}):
-        with pytest.raises(InputError, match="PerSceneConfig"):
-            PerSceneConfig(**wrong)
+        with pytest.raises(InputError, match="PerClipConfig"):
+            PerClipConfig(**wrong)
     with pytest.raises(InputError, match="rank is 0"):
         LowRank(rank=0)
 
@@ -152,9 +154,9 @@ def test_a_start_of_emptied_classes_stays_finite(model: SpatialCGMM, data: tuple
     class Emptied(torch.nn.Module):
         def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> object:
             parameters = RefinedGuide(
-                BlindStart(K, DirectionGrid(D)), SpatialCGMM(STEERING_FDM, K), RefinementConfig()
+                UninformedInitializer(K, DirectionGrid(D)), SpatialCGMM(STEERING_FDM, K), RefinementConfig()
             ).parameters_of(x_bfmt, image_bcij)
             return parameters._replace(concentration_bk=torch.tensor([[1e-3, 1e7, 1e-3]] * B))
 
-    for value in PerSceneGuide(Emptied(), model, MeanField(), QUICK).parameters_of(*data):
+    for value in PerClipGuide(Emptied(), model, MeanField(), QUICK).parameters_of(*data):
         assert torch.isfinite(value).all()

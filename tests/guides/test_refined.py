@@ -214,7 +214,7 @@ def test_it_climbs_the_elbo_of_whatever_model_it_is_given(
         ({"level_prior": StickBreaking(1.0)}, r"StickBreaking\(concentration=1.0\) has no 'pseudo_counts'"),
         ({"level_prior": LogisticNormal()}, "LogisticNormal.* has no 'pseudo_counts'"),
         ({"direction_prior": Plain()}, "direction prior .* has no 'of_log_weights'"),
-        ({"likelihood": FrameActivity()}, "FrameActivity.* has no 'tail'.*use a PerSceneGuide"),
+        ({"likelihood": FrameActivity()}, "FrameActivity.* has no 'tail'.*use a PerClipGuide"),
     ],
 )
 def test_what_the_ascent_cannot_take_in_is_refused(

@@ -7,10 +7,10 @@ import pytest
 import soundfile
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.compatibility import matching_channels
-from avssl_pyro.io.clip_files import read_audio
+from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.clip_files import read_audio
 
 PAIR = MicrophoneArray("pair", ((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)), channels=(4, 2))
 

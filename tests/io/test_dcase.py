@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avssl_pyro.io.dcase import DcaseRow, azimuths_by_frame, labels_between, merge_azimuths, read_dcase, write_dcase
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.dcase import DcaseRow, azimuths_by_frame, labels_between, merge_azimuths, read_dcase, write_dcase
 
 TENTHS = st.integers(-1800, 1800).map(lambda tenth: tenth / 10)
 ROWS = st.builds(

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from avssl_pyro.io.projection_check import check_equirectangular, count_fisheyes
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.projection_check import check_equirectangular, count_fisheyes
 
 RNG = np.random.default_rng(0)
 ROOM = RNG.integers(60, 200, (240, 480, 3)).astype(np.uint8)

@@ -8,10 +8,10 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.initializers import BlindStart
+from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.localization.posterior import ScenePosterior
 from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import ClipPosterior
 from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
 
 K, D = 3, 36
@@ -41,7 +41,7 @@ def clips(number: int, microphones: int = 4) -> list[Clip]:
     ]
 
 
-def assert_same(first: ScenePosterior, second: ScenePosterior) -> None:
+def assert_same(first: ClipPosterior, second: ClipPosterior) -> None:
     for name in ("direction_weights_kd", "mixing_levels_k", "level_std_k", "azimuth_std_k", "activations_kij"):
         np.testing.assert_allclose(getattr(first, name), getattr(second, name), rtol=1e-3, atol=1e-5, err_msg=name)
 
@@ -132,7 +132,7 @@ def test_pauses_can_be_left_out() -> None:
     paused = replace(loud, audio_mn=np.concatenate([loud.audio_mn, quiet_mn], axis=1))
     system = make_system()
     everything, without_pauses = (
-        Localizer(system, refinement=RefinementConfig(), start=BlindStart(K, CONFIG.grid), pause_db=pause_db)
+        Localizer(system, refinement=RefinementConfig(), start=UninformedInitializer(K, CONFIG.grid), pause_db=pause_db)
         for pause_db in (None, 20.0)
     )
     [expected] = everything.posteriors([loud])

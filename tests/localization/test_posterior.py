@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.errors import InputError
 from avssl_pyro.localization.posterior import (
+    ClipPosterior,
     LocalizedSource,
-    ScenePosterior,
     SourceThresholds,
     peak_azimuth,
     select_sources,
@@ -29,11 +29,11 @@ def bump(azimuth_deg: float, width_deg: float = 5.0) -> Array:
 
 def posterior(
     *classes: tuple[float | None, float], azimuth_std: float = 0.05, level_std: float = 0.03
-) -> ScenePosterior:
+) -> ClipPosterior:
     """One class for each (azimuth in degrees or None for diffuse, level)."""
     weights_kd = np.stack([np.full(72, 1 / 72) if azimuth is None else bump(azimuth) for azimuth, _ in classes])
     number = len(classes)
-    return ScenePosterior(
+    return ClipPosterior(
         weights_kd,
         np.array([level for _, level in classes]),
         np.full(number, level_std),
@@ -90,7 +90,7 @@ def test_least_level(level: float, counted: bool) -> None:
 def test_least_peak_leaves_out_wide_classes() -> None:
     narrow, wide = bump(42.5, 5.0), bump(-60.0, 40.0)
     assert narrow.max() > THRESHOLDS.peak > wide.max()
-    beliefs = ScenePosterior(np.stack([narrow, wide]), np.array([0.5, 0.5]), np.zeros(2), np.zeros(2))
+    beliefs = ClipPosterior(np.stack([narrow, wide]), np.array([0.5, 0.5]), np.zeros(2), np.zeros(2))
     assert found_deg(select_sources(beliefs, GRID, THRESHOLDS)) == pytest.approx([42.5], abs=0.01)
     lower = SourceThresholds(peak=0.01)
     assert len(select_sources(beliefs, GRID, lower)) == 2
@@ -170,7 +170,7 @@ def test_turning_the_scene_turns_the_objects(drawn: list[tuple[float, float]], s
     # Between two directions, rounding decides which is the peak.
     runner_up_k, best_k = np.sort(beliefs.direction_weights_kd, axis=-1)[:, -2:].T
     assume((best_k - runner_up_k > 1e-9).all())
-    turned = ScenePosterior(
+    turned = ClipPosterior(
         np.roll(beliefs.direction_weights_kd, steps, axis=-1),
         beliefs.mixing_levels_k,
         beliefs.level_std_k,

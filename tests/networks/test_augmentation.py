@@ -2,13 +2,13 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avssl_pyro.networks.augmentation import AzimuthView
+from avssl_pyro.networks.augmentation import RandomYawFlip
 
 D = 12
 
 
-def view(turns: list[int], signs: list[int]) -> AzimuthView:
-    return AzimuthView(D, torch.tensor(turns)[:, None], torch.tensor(signs)[:, None])
+def view(turns: list[int], signs: list[int]) -> RandomYawFlip:
+    return RandomYawFlip(D, torch.tensor(turns)[:, None], torch.tensor(signs)[:, None])
 
 
 @given(
@@ -34,9 +34,9 @@ def test_an_object_in_the_picture_and_its_direction_turn_alike(turn: int, sign: 
 
 def test_every_clip_gets_a_view_of_its_own_and_the_seed_decides() -> None:
     torch.manual_seed(0)
-    first = AzimuthView.draw(64, D, torch.device("cpu"))
+    first = RandomYawFlip.draw(64, D, torch.device("cpu"))
     torch.manual_seed(0)
-    again = AzimuthView.draw(64, D, torch.device("cpu"))
+    again = RandomYawFlip.draw(64, D, torch.device("cpu"))
     assert torch.equal(first.turn_b1, again.turn_b1)
     assert torch.equal(first.sign_b1, again.sign_b1)
     assert set(first.turn_b1.flatten().tolist()) == set(range(D))

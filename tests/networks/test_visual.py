@@ -2,7 +2,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from avssl_pyro.networks.augmentation import AzimuthView
+from avssl_pyro.networks.augmentation import RandomYawFlip
 from avssl_pyro.networks.visual import VisualNet, _WrapAzimuth
 
 
@@ -101,7 +101,7 @@ def test_views_are_drawn_in_training_only_and_their_answer_is_turned_back() -> N
     answer_bkd, _ = net(image(8))
     (seen,) = looked_at
     torch.manual_seed(3)
-    view = AzimuthView.draw(8, 72, seen.device)
+    view = RandomYawFlip.draw(8, 72, seen.device)
     torch.testing.assert_close(seen, view.apply(2 * image(8) - 1))
     net.training = False
     torch.testing.assert_close(answer_bkd, view.undo(net(view.apply(image(8)))[0]))

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avssl_pyro.clip import Clip
-from avssl_pyro.recordings.excerpts import Excerpts, evenly, read_excerpts
 from avssl_pyro.errors import InputError
+from avssl_pyro.recordings.excerpts import Excerpts, evenly, read_excerpts
 
 
 @given(st.integers(0, 500), st.integers(1, 60))

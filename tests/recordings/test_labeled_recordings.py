@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from avssl_pyro.recordings.labeled_recordings import LabeledRecording, read_labeled_recordings
 from avssl_pyro.errors import InputError
+from avssl_pyro.recordings.labeled_recordings import LabeledRecording, read_labeled_recordings
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import soundfile
 from recorded import FPS, frame_number, stretch_frame, write_frames, write_noise, write_video
 from scipy.signal import resample_poly
 
-from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
 from avssl_pyro.errors import InputError
+from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
 
 
 @pytest.mark.parametrize("rate", [8_000, 16_000, 24_000, 44_100, 48_000])

@@ -10,19 +10,19 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.clip import SAMPLE_RATE, Clip
-from avssl_pyro.io.dcase import azimuths_by_frame
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.peaks import PeakSetting
-from avssl_pyro.simulation.synthetic_people import ProceduralPerson
-from avssl_pyro.simulation.camera import Camera, Film
+from avssl_pyro.io.dcase import azimuths_by_frame
+from avssl_pyro.simulation.camera import Camera, PanoramaVideo
+from avssl_pyro.simulation.dialogue import hear, labels, speak
 from avssl_pyro.simulation.layout import SceneConfig
 from avssl_pyro.simulation.moving_people import MovingPeople, MovingPeopleConfig, draw_moving_people
+from avssl_pyro.simulation.moving_source import RoomAcoustics, Steps
 from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig
-from avssl_pyro.simulation.dialogue import hear, labels, speak
 from avssl_pyro.simulation.recordings import RecordingSimulator
+from avssl_pyro.simulation.synthetic_people import ProceduralPerson
 from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
-from avssl_pyro.simulation.moving_source import RoomAcoustics, Steps
 
 WALKS = MovingTalkersConfig(seconds=6.0, utterance_s=(1.5, 5.0), pause_s=(0.5, 1.0))
 CONFIG = MovingPeopleConfig(walks=WALKS)
@@ -49,7 +49,7 @@ def recorded(people: MovingPeople, array: MicrophoneArray) -> npt.NDArray[np.flo
 def seen_columns(people: MovingPeople, camera: Camera) -> npt.NDArray[np.float64]:
     """Share of each column's pixels that people change."""
     pictures = [
-        Film(who, camera, ProceduralPerson(), ProceduralRoom(), np.random.default_rng(3)).frame_at(0.5)
+        PanoramaVideo(who, camera, ProceduralPerson(), ProceduralRoom(), np.random.default_rng(3)).frame_at(0.5)
         for who in (people, replace(people, distances_s=np.zeros(0)))
     ]
     return np.asarray((pictures[0] != pictures[1]).any(axis=2).mean(axis=0), dtype=np.float64)

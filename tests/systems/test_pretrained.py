@@ -11,13 +11,13 @@ from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
 from avssl_pyro.evaluation.matching import gate_then_assign
 from avssl_pyro.evaluation.metrics import evaluate
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.localization.posterior import REFINED_THRESHOLDS, select_sources
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.systems.pretrained import SHIPPED, load_pretrained
+from avssl_pyro.localization.posterior import REFINED_THRESHOLDS, select_sources
 from avssl_pyro.simulation.scenes import SceneSimulator
+from avssl_pyro.systems.pretrained import PRETRAINED, load_pretrained
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", PRETRAINED)
 def test_shipped_weights_belong_to_their_array(name: str) -> None:
     pretrained = load_pretrained(PRESETS[name])
     assert pretrained.native

@@ -6,15 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.tracking.timeline import Moment, NamedSource, Timeline
+from avssl_pyro.tracking.timeline import IdentifiedSource, Timeline, TimelineFrame
 
 
-def source(name: int, azimuth_deg: float, level: float = 0.3) -> NamedSource:
-    return NamedSource(name, float(np.deg2rad(azimuth_deg)), 0.05, level)
+def source(name: int, azimuth_deg: float, level: float = 0.3) -> IdentifiedSource:
+    return IdentifiedSource(name, float(np.deg2rad(azimuth_deg)), 0.05, level)
 
 
-def timeline(*moments: tuple[NamedSource, ...]) -> Timeline:
-    return Timeline(tuple(Moment(0.5 + 0.1 * index, sources) for index, sources in enumerate(moments)), 0.1, 0.5)
+def timeline(*moments: tuple[IdentifiedSource, ...]) -> Timeline:
+    return Timeline(tuple(TimelineFrame(0.5 + 0.1 * index, sources) for index, sources in enumerate(moments)), 0.1, 0.5)
 
 
 def test_a_source_moves_evenly_along_the_shorter_arc() -> None:
@@ -49,7 +49,7 @@ def test_the_first_and_the_last_window_reach_their_own_ends_and_no_further() -> 
 
 
 def test_a_gap_is_not_filled() -> None:
-    line = Timeline((Moment(0.5, (source(1, 0),)), Moment(5.0, (source(1, 20),))), 0.1, 0.5)
+    line = Timeline((TimelineFrame(0.5, (source(1, 0),)), TimelineFrame(5.0, (source(1, 20),))), 0.1, 0.5)
     assert line.at(1.0)[0].azimuth == 0
     assert line.at(2.75) == ()
     assert line.at(4.5)[0].azimuth == pytest.approx(np.deg2rad(20))

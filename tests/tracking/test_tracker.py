@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.errors import InputError
-from avssl_pyro.tracking.online import LiveTracker
 from avssl_pyro.localization.posterior import LocalizedSource
-from avssl_pyro.tracking.multi_target import BankConfig
+from avssl_pyro.tracking.multi_target import MultiTargetConfig
+from avssl_pyro.tracking.online import OnlineTracker
 from avssl_pyro.tracking.tracker import Track, TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
 
 STEP_S = 0.1
@@ -68,8 +68,8 @@ def test_pause_of_five_windows_is_silent_and_the_same_source_after_it() -> None:
 
 def test_who_speaks_after_the_memory_has_run_out_is_somebody_new() -> None:
     windows = record([still], 90, silent=[set(range(30, 60))])
-    forgetful = TrackingConfig(bank=BankConfig(memory_s=2.0))
-    patient = TrackingConfig(bank=BankConfig(memory_s=4.0))
+    forgetful = TrackingConfig(bank=MultiTargetConfig(memory_s=2.0))
+    patient = TrackingConfig(bank=MultiTargetConfig(memory_s=4.0))
     assert [(one.start_s, one.end_s) for one in track(windows, forgetful)] == [
         pytest.approx((0.0, 2.9)),
         pytest.approx((6.0, 8.9)),
@@ -188,7 +188,7 @@ def test_what_makes_no_sense_is_refused(windows: list[WindowDetections], message
 
 
 def live(windows: Sequence[WindowDetections], lag: int) -> list[tuple[TrackedSource, ...]]:
-    tracker = LiveTracker(step_s=STEP_S, lag=lag)
+    tracker = OnlineTracker(step_s=STEP_S, lag=lag)
     answers = [tracker.push(window) for window in windows]
     assert [answer is None for answer in answers] == [t < lag for t in range(len(windows))]
     return [answer for answer in answers if answer is not None] + tracker.finish()
@@ -213,7 +213,7 @@ def test_live_tracks_that_may_wait_for_everything_are_those_of_the_whole_recordi
 
 
 def test_live_tracker_remembers_no_more_than_its_lag() -> None:
-    tracker = LiveTracker(step_s=STEP_S, lag=2)
+    tracker = OnlineTracker(step_s=STEP_S, lag=2)
     for window in record([still], 60):
         tracker.push(window)
     assert [len(chain.steps) for chain in tracker._bank.active] == [3]
@@ -222,4 +222,4 @@ def test_live_tracker_remembers_no_more_than_its_lag() -> None:
 
 def test_a_lag_or_step_that_makes_no_sense_is_refused() -> None:
     with pytest.raises(InputError, match="lag of -1"):
-        LiveTracker(lag=-1)
+        OnlineTracker(lag=-1)

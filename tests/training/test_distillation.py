@@ -12,25 +12,29 @@ from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.base import GuideParameters
-from avssl_pyro.training.distillation import TargetConfig, TaughtLoss, log_outcomes
-from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
 from avssl_pyro.networks.visual import VisualNet
+from avssl_pyro.training.distillation import DistillationConfig, DistillationLoss, log_outcomes
+from avssl_pyro.training.elbo_terms import TraceMeanFieldELBOWithTerms
 
 B, D, K, T = 2, 24, 5, 40
 STEERING_FDM = FreeField(PRESETS["circle4"])(DirectionGrid(D), np.linspace(250.0, 4000.0, 16)).to(torch.complex64)
 TRUE_DIRECTIONS = (3, 14)
 
 
-def taught(config: TargetConfig, particles: int = 1, bin_weight: float = 1.0) -> tuple[TaughtLoss, AmortizedGuide]:
+def taught(
+    config: DistillationConfig, particles: int = 1, bin_weight: float = 1.0
+) -> tuple[DistillationLoss, AmortizedGuide]:
     torch.manual_seed(0)
     model = SpatialCGMM(STEERING_FDM, num_sources=K, bin_weight=bin_weight)
     visual = VisualNet(K - 1, D, channels=(4, 4), anchor_gain=2.0)
     guide = AmortizedGuide(visual, AudioNet(STEERING_FDM, channels=4), diffuse_class=True)
-    estimator = RecordingMeanFieldELBO(particles, max_plate_nesting=1, vectorize_particles=particles > 1)
+    estimator = TraceMeanFieldELBOWithTerms(particles, max_plate_nesting=1, vectorize_particles=particles > 1)
     with pyro.settings.context(module_local_params=True):
-        return TaughtLoss(estimator(model, guide), estimator, model, guide, config, diffuse_class=True).eval(), guide
+        return DistillationLoss(
+            estimator(model, guide), estimator, model, guide, config, diffuse_class=True
+        ).eval(), guide
 
 
 @pytest.fixture
@@ -51,7 +55,7 @@ def local_parameters() -> object:
 
 @pytest.mark.parametrize("bin_weight", [1.0, 4.0])
 def test_without_strength_it_is_the_elbo_per_bin(data: tuple[Tensor, Tensor], bin_weight: float) -> None:
-    module, _ = taught(TargetConfig(weight=1.0), bin_weight=bin_weight)
+    module, _ = taught(DistillationConfig(weight=1.0), bin_weight=bin_weight)
     torch.manual_seed(5)
     loss, cross_entropies = module(*data, 0.0)
     torch.manual_seed(5)
@@ -61,7 +65,7 @@ def test_without_strength_it_is_the_elbo_per_bin(data: tuple[Tensor, Tensor], bi
 
 @pytest.mark.parametrize("particles", [1, 3])
 def test_it_adds_the_cross_entropies_with_their_weights(data: tuple[Tensor, Tensor], particles: int) -> None:
-    module, _ = taught(TargetConfig(weight=2.0, level_weight=0.5), particles)
+    module, _ = taught(DistillationConfig(weight=2.0, level_weight=0.5), particles)
     values = {}
     for strength in (0.0, 0.5):
         torch.manual_seed(5)
@@ -75,7 +79,7 @@ def test_it_adds_the_cross_entropies_with_their_weights(data: tuple[Tensor, Tens
     assert 0 < of_levels < 5
 
 
-def learn(module: TaughtLoss, guide: AmortizedGuide, data: tuple[Tensor, Tensor]) -> GuideParameters:
+def learn(module: DistillationLoss, guide: AmortizedGuide, data: tuple[Tensor, Tensor]) -> GuideParameters:
     """From the cross-entropies alone, which nobody labelled; the picture is noise, so these very clips are learnt."""
     config = module._config
     optimizer = torch.optim.Adam(guide.parameters(), lr=0.03)
@@ -90,7 +94,7 @@ def learn(module: TaughtLoss, guide: AmortizedGuide, data: tuple[Tensor, Tensor]
 
 
 def test_the_guide_learns_where_the_talkers_are(data: tuple[Tensor, Tensor]) -> None:
-    parameters = learn(*taught(TargetConfig(weight=1.0)), data)
+    parameters = learn(*taught(DistillationConfig(weight=1.0)), data)
     level_bk = parameters.concentration_bk / parameters.concentration_bk.sum(-1, keepdim=True)
     sound_bd = (level_bk[:, None] @ parameters.mu_bkd.softmax(-1)).squeeze(1)
     near = [d + offset for d in TRUE_DIRECTIONS for offset in (-1, 0, 1)]
@@ -98,7 +102,7 @@ def test_the_guide_learns_where_the_talkers_are(data: tuple[Tensor, Tensor]) -> 
 
 
 def test_the_audio_network_learns_which_class_hears_a_talker(data: tuple[Tensor, Tensor]) -> None:
-    module, guide = taught(TargetConfig(level_weight=1.0))
+    module, guide = taught(DistillationConfig(level_weight=1.0))
     looking = [parameter.clone() for parameter in guide.visual.parameters()]
     target = module._refine(data[0], guide.log_weights(data[1])[0])
     parameters = learn(module, guide, data)
@@ -132,15 +136,15 @@ def test_a_direction_that_the_guide_rules_out_keeps_its_gradient() -> None:
 
 
 def test_the_strength_rises_over_the_warmup_and_stays() -> None:
-    config = TargetConfig(weight=0.2, warmup=0.5)
+    config = DistillationConfig(weight=0.2, warmup=0.5)
     assert [config.strength_at(step, 100) for step in (0, 25, 50, 99)] == pytest.approx([0.0, 0.5, 1.0, 1.0])
-    assert TargetConfig(level_weight=0.2, warmup=0.0).strength_at(1, 100) == 1
-    assert TargetConfig().strength_at(99, 100) == 0
+    assert DistillationConfig(level_weight=0.2, warmup=0.0).strength_at(1, 100) == 1
+    assert DistillationConfig().strength_at(99, 100) == 0
 
 
 @pytest.mark.parametrize(
     "wrong", [{"weight": -1.0}, {"level_weight": -1.0}, {"rounds": 0}, {"smoothing_deg": 0.0}, {"warmup": 2.0}]
 )
 def test_impossible_settings_are_refused_in_a_sentence(wrong: dict[str, float]) -> None:
-    with pytest.raises(InputError, match=f"TargetConfig: .*{next(iter(wrong))}"):
-        TargetConfig(**wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=f"DistillationConfig: .*{next(iter(wrong))}"):
+        DistillationConfig(**wrong)  # type: ignore[arg-type]

@@ -19,11 +19,11 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.training.divergence import TrainingDivergedError
-from avssl_pyro.training.distillation import TargetConfig
-from avssl_pyro.training.metrics_logger import read_log
 from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
-from avssl_pyro.training.elbo_terms import RecordingTraceELBO
+from avssl_pyro.training.distillation import DistillationConfig
+from avssl_pyro.training.divergence import TrainingDivergedError
+from avssl_pyro.training.elbo_terms import TraceELBOWithTerms
+from avssl_pyro.training.metrics_logger import read_log
 from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig, train
 
 SMALL = GuideConfig(visual_channels=(4, 8), audio_channels=8)
@@ -78,7 +78,7 @@ def test_a_resumed_run_gives_the_numbers_of_an_uninterrupted_one(dataset: SceneD
 
 
 def test_refined_targets_are_logged_and_resumed_exactly(dataset: SceneDataset, tmp_path: Path) -> None:
-    targets = TargetConfig(weight=0.1, rounds=2, warmup=0.3)
+    targets = DistillationConfig(weight=0.1, rounds=2, warmup=0.3)
     whole, parts = small_system(), small_system()
     train(whole, dataset, CONFIG, tmp_path / "whole", fabric(), targets=targets)
     for stop_after in (3, None):
@@ -153,8 +153,8 @@ def test_a_nan_stops_with_the_step_the_term_and_the_clip(dataset: SceneDataset, 
 
 def test_trace_elbo_and_the_guide_without_audio_network_train_too(dataset: SceneDataset, tmp_path: Path) -> None:
     system = small_system(guide=replace(SMALL, audio_net=False))
-    targets = TargetConfig(weight=0.1, warmup=0.0)
-    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric(), RecordingTraceELBO(), targets)
+    targets = DistillationConfig(weight=0.1, warmup=0.0)
+    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric(), TraceELBOWithTerms(), targets)
     assert read_log(tmp_path)[-1]["direction_cross_entropy"] > 0
     assert "beta" not in read_log(tmp_path)[-1]
 

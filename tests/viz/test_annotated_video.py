@@ -9,14 +9,14 @@ import pytest
 import soundfile
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.io.audio_stream import AudioFile
-from avssl_pyro.recordings.recording import Recording
-from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.errors import InputError
-from avssl_pyro.tracking.timeline import Moment, NamedSource, Timeline
+from avssl_pyro.io.audio_stream import AudioFile
+from avssl_pyro.io.video_reader import VideoFile
+from avssl_pyro.io.video_writer import open_video
+from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.tracking.timeline import IdentifiedSource, Timeline, TimelineFrame
 from avssl_pyro.viz.annotated_video import save_annotated_video, stereo_pair
 from avssl_pyro.viz.palette import OKABE_ITO
-from avssl_pyro.io.video_writer import open_video
 
 ROWS, COLUMNS, FRAME_RATE, SECONDS = 480, 960, 12.5, 2.0
 ARRAY = PRESETS["circle4"]
@@ -46,10 +46,10 @@ def walk() -> Timeline:
     """Source 5 walks across the seam, source 2 comes later, stays at -60 and is louder."""
     moments = []
     for time_s in np.arange(0.0, 2.01, 0.1):
-        sources = [NamedSource(5, float(np.deg2rad(azimuth_deg(time_s))), 0.05, 0.2)]
+        sources = [IdentifiedSource(5, float(np.deg2rad(azimuth_deg(time_s))), 0.05, 0.2)]
         if time_s > 0.95:
-            sources.insert(0, NamedSource(2, float(np.deg2rad(-60)), 0.05, 0.5))
-        moments.append(Moment(float(time_s), tuple(sources)))
+            sources.insert(0, IdentifiedSource(2, float(np.deg2rad(-60)), 0.05, 0.5))
+        moments.append(TimelineFrame(float(time_s), tuple(sources)))
     return Timeline(tuple(moments), 0.1, 0.5)
 
 

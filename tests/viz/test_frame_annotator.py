@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from avssl_pyro.tracking.timeline import Moment, NamedSource, Timeline
+from avssl_pyro.tracking.timeline import IdentifiedSource, Timeline, TimelineFrame
 from avssl_pyro.viz.frame_annotator import AnnotationStyle, FrameAnnotator, time_code
 from avssl_pyro.viz.palette import OKABE_ITO
 
@@ -12,13 +12,13 @@ ROWS, COLUMNS = 480, 960
 GRAY = np.full((ROWS, COLUMNS, 3), 128, dtype=np.uint8)
 
 
-def source(name: int, azimuth_deg: float, level: float = 0.4, std_deg: float = 2.0) -> NamedSource:
-    return NamedSource(name, float(np.deg2rad(azimuth_deg)), float(np.deg2rad(std_deg)), level)
+def source(name: int, azimuth_deg: float, level: float = 0.4, std_deg: float = 2.0) -> IdentifiedSource:
+    return IdentifiedSource(name, float(np.deg2rad(azimuth_deg)), float(np.deg2rad(std_deg)), level)
 
 
-def still(*sources: NamedSource, seconds: float = 10.0) -> Timeline:
+def still(*sources: IdentifiedSource, seconds: float = 10.0) -> Timeline:
     """Sources that stay where they are."""
-    return Timeline(tuple(Moment(0.1 * index, sources) for index in range(round(10 * seconds))), 0.1, 0.5)
+    return Timeline(tuple(TimelineFrame(0.1 * index, sources) for index in range(round(10 * seconds))), 0.1, 0.5)
 
 
 def amount(page_ijc: npt.NDArray[np.uint8], color: int) -> npt.NDArray[np.float64]:
@@ -68,7 +68,7 @@ def test_bars_rise_with_the_level() -> None:
 def test_a_source_keeps_its_color_when_louder_ones_come_and_go() -> None:
     quiet = source(4, 60.0, 0.1)
     moments = [
-        Moment(0.1 * index, (quiet,) if index < 20 or index > 40 else (source(7, -90.0, 0.6), quiet))
+        TimelineFrame(0.1 * index, (quiet,) if index < 20 or index > 40 else (source(7, -90.0, 0.6), quiet))
         for index in range(80)
     ]
     annotator = FrameAnnotator(ROWS, COLUMNS, Timeline(tuple(moments), 0.1, 0.5), AnnotationStyle())
@@ -80,7 +80,7 @@ def test_a_source_keeps_its_color_when_louder_ones_come_and_go() -> None:
 
 
 def test_a_trail_shows_where_a_source_was_and_crosses_the_seam() -> None:
-    moments = [Moment(0.1 * index, (source(1, 150 + 6 * 0.1 * index * 2),)) for index in range(60)]
+    moments = [TimelineFrame(0.1 * index, (source(1, 150 + 6 * 0.1 * index * 2),)) for index in range(60)]
     annotator = FrameAnnotator(ROWS, COLUMNS, Timeline(tuple(moments), 0.1, 0.5), AnnotationStyle())
     trail_ijc = annotator.draw(GRAY, 5.0)[ROWS + 77 : annotator.height - 3]
     bluish_ij = trail_ijc[..., 2].astype(int) - trail_ijc[..., 0] > 30

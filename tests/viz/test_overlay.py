@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 from avssl_pyro.viz.overlay import draw_overlay, save_overlay
 from avssl_pyro.viz.palette import OKABE_ITO
 
@@ -19,7 +19,7 @@ def scene(azimuths_deg, levels, with_maps=True):
     maps = np.stack([40 * (np.cos(np.deg2rad(column_deg - a)) - 1)[None] - ((row - 22) / 8) ** 2 for a in azimuths_deg])
     weights_kd = np.stack([np.exp(60 * (np.cos(GRID.azimuths - np.deg2rad(a)) - 1)) for a in azimuths_deg])
     weights_kd /= weights_kd.sum(axis=-1, keepdims=True)
-    posterior = ScenePosterior(
+    posterior = ClipPosterior(
         weights_kd,
         np.array(levels),
         np.full(num_classes, 0.02),
@@ -78,7 +78,7 @@ def test_a_silent_class_is_fainter_than_a_source_and_a_diffuse_one_is_not_shown(
     posterior, sources = scene([60.0, -60.0], [0.5, 0.4])
     diffuse_kd = np.vstack([posterior.direction_weights_kd, np.full((1, 72), 1 / 72)])
     maps = np.concatenate([posterior.activations_kij, np.zeros((1, 44, 144), np.float32)])
-    with_noise = ScenePosterior(diffuse_kd, np.array([0.5, 0.0, 0.5]), np.full(3, 0.02), np.full(3, 0.05), maps)
+    with_noise = ClipPosterior(diffuse_kd, np.array([0.5, 0.0, 0.5]), np.full(3, 0.02), np.full(3, 0.05), maps)
     speaking = amount(draw_overlay(GRAY, with_noise, sources, GRID), 1)[684:852].sum()
     picture = draw_overlay(GRAY, with_noise, sources[:1], GRID)
     assert 0.1 * speaking < amount(picture, 1)[684:852].sum() < 0.6 * speaking

@@ -7,7 +7,7 @@ import pytest
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import SceneLabels
 from avssl_pyro.errors import InputError
-from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 from avssl_pyro.viz.polar import Circle, draw_circles, draw_patterns
 
 GRID = DirectionGrid()
@@ -60,7 +60,7 @@ def test_the_wedges_of_a_class_are_as_large_as_its_level():
 
 
 def test_sources_and_the_truth_are_drawn():
-    posterior = ScenePosterior(
+    posterior = ClipPosterior(
         np.stack([peaked(40), peaked(-60)]), np.array([0.6, 0.4]), np.full(2, 0.01), np.full(2, 0.03)
     )
     source = LocalizedSource(azimuth=3.1, azimuth_std=0.1, level=0.6, level_std=0.01, source_class=1)

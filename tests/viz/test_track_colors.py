@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from avssl_pyro.tracking.timeline import Moment, NamedSource, Timeline
+from avssl_pyro.tracking.timeline import IdentifiedSource, Timeline, TimelineFrame
 from avssl_pyro.viz.palette import OKABE_ITO
 from avssl_pyro.viz.track_colors import track_colors
 
@@ -10,7 +10,9 @@ from avssl_pyro.viz.track_colors import track_colors
 def timeline(spans: dict[int, tuple[float, float]]) -> Timeline:
     """Names with the first and last second in which they sound."""
     moments = [
-        Moment(float(t), tuple(NamedSource(name, 0.0, 0.05, 0.3) for name, (a, b) in spans.items() if a <= t <= b))
+        TimelineFrame(
+            float(t), tuple(IdentifiedSource(name, 0.0, 0.05, 0.3) for name, (a, b) in spans.items() if a <= t <= b)
+        )
         for t in np.arange(0, 100, 0.5)
     ]
     return Timeline(tuple(moments), 0.5, 0.5)

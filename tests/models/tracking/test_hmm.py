@@ -19,10 +19,10 @@ from hypothesis import strategies as st
 from pyro.infer import infer_discrete
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.tracking.hmm_filter import log_evidence as chain_log_evidence
-from avssl_pyro.tracking.hmm_filter import newborn, observe, predict, smooth
 from avssl_pyro.models.tracking.hmm import SourceTrack, log_evidence
 from avssl_pyro.models.tracking.motion import MOTION_SIGNS, TrackPrior, TrackTables, move_kernel
+from avssl_pyro.tracking.hmm_filter import initial, observe, predict, smooth
+from avssl_pyro.tracking.hmm_filter import log_evidence as chain_log_evidence
 
 Array = npt.NDArray[np.float64]
 # Restless enough that every transition matters within three windows.
@@ -130,7 +130,7 @@ def test_fast_forward_backward_is_the_enumerated_model(num_windows: int, num_dir
     evidence.backward()
     steps = []
     for log_ratio_d in log_ratio_td:
-        predicted = predict(steps[-1].filtered, t) if steps else newborn(t.birth, num_directions)
+        predicted = predict(steps[-1].filtered, t) if steps else initial(t.birth, num_directions)
         steps.append(observe(predicted, np.exp(log_ratio_d), t))
     assert chain_log_evidence(steps) == pytest.approx(evidence.item(), abs=1e-10)
     smoothed = list(smooth(steps))[::-1]

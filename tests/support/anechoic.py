@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.localization.posterior import LocalizedSource, ScenePosterior, SourceThresholds, select_sources
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource, SourceThresholds, select_sources
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
 
 GRID = DirectionGrid(72)
@@ -30,7 +30,7 @@ class Scene:
 
     images_smn: npt.NDArray[np.float64]
     audio_mn: npt.NDArray[np.float32]
-    posterior: ScenePosterior
+    posterior: ClipPosterior
     sources: tuple[LocalizedSource, ...]
 
 
@@ -45,7 +45,7 @@ def scene(array: MicrophoneArray, azimuths_deg: tuple[float, ...], num_samples: 
     weights_kd = np.exp(-0.5 * (offset_kd / np.deg2rad(4)) ** 2)
     weights_kd = np.concatenate([weights_kd, np.ones((1, GRID.num_directions))])
     levels_k = np.concatenate([0.9 - 0.01 * np.arange(len(azimuths)), [0.1]])
-    posterior = ScenePosterior(
+    posterior = ClipPosterior(
         direction_weights_kd=weights_kd / weights_kd.sum(-1, keepdims=True),
         mixing_levels_k=levels_k / levels_k.sum(),
         level_std_k=np.full(len(levels_k), 0.01),

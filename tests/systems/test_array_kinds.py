@@ -18,11 +18,11 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.systems.checkpoint import load_checkpoint, save_checkpoint
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.systems.system import GuideConfig, ModelConfig, SystemConfig, build_system
-from avssl_pyro.training.elbo_terms import RecordingMeanFieldELBO
 from avssl_pyro.simulation.scenes import SceneSimulator
+from avssl_pyro.systems.checkpoint import load_checkpoint, save_checkpoint
+from avssl_pyro.systems.system import GuideConfig, ModelConfig, SystemConfig, build_system
+from avssl_pyro.training.elbo_terms import TraceMeanFieldELBOWithTerms
 
 GRID = DirectionGrid(36)
 TRUE_DIRECTION = 11
@@ -61,7 +61,7 @@ def test_a_step_of_training_has_finite_gradients(config: SystemConfig, clip: Cli
     torch.manual_seed(0)
     system = build_system(config)
     batch = collate_clips([clip, clip])
-    loss = RecordingMeanFieldELBO()(system.model, system.guide)
+    loss = TraceMeanFieldELBOWithTerms()(system.model, system.guide)
     loss(stft(batch.audio_bmn, config.stft), batch.image_float()).backward()
     gradients = [value.grad for value in loss.parameters() if value.grad is not None]
     assert gradients

@@ -1,13 +1,9 @@
-"""Makes fake_simulator importable here and, since they inherit sys.path, in worker processes."""
+"""Datasets of a simulator that costs nothing."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from fake_simulator import FakeSimulator, fake_plan
 
 from avssl_pyro.datasets.generation import GenerationPlan, generate
