@@ -77,7 +77,7 @@ class Starter:
 
 @pytest.fixture
 def starter() -> Iterator[Starter]:
-    program = STARTER.format(tests=str(Path(__file__).parent))
+    program = STARTER.format(tests=str(Path(__file__).parents[1] / "support"))
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     ) as pipes:

@@ -10,8 +10,8 @@ import numpy.typing as npt
 import pytest
 
 from avssl_pyro.errors import InputError
+from avssl_pyro.io import video_writer
 from avssl_pyro.io.video_writer import SoundTrack, check_video_name, open_video
-from avssl_pyro.viz import video_writer
 
 WIDTH, HEIGHT, RATE = 320, 180, 10.0
 SAMPLE_RATE = 16_000
