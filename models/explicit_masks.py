@@ -27,7 +27,7 @@ from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 
 class ProfiledBin(TorchDistribution):
-    """N_C(0, lambda H) of one time-frequency bin with lambda at its maximum-likelihood value (Eqs. 7, 14).
+    """N_C(0, lambda H) of one time-frequency bin with lambda at its maximum-likelihood value (Eqs. 7, 16).
 
     Args:
         precision: H^-1, complex (..., M, M).

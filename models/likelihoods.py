@@ -38,7 +38,7 @@ class Likelihood(Protocol):
 
 @dataclass(frozen=True)
 class ProfiledGaussian:
-    """The paper's: power spectral densities at their maximum-likelihood values (Eqs. 13, 14)."""
+    """The paper's: power spectral densities at their maximum-likelihood values (Eqs. 15, 16)."""
 
     def __call__(
         self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float

@@ -24,7 +24,7 @@ from avssl_pyro.models.priors import DirectionPrior, LevelPrior, LogNormalWeight
 
 
 class SpatialCGMM(PyroModule):
-    """p(w) p(pi) p(x | w, pi) of Eqs. (9)-(11), masks marginalised; by default power spectra are profiled out.
+    """p(w) p(pi) p(x | w, pi) of Eqs. (8)-(11), masks marginalised; by default power spectra are profiled out.
 
     Args:
         steering_fdm: steering vectors a_fd, complex (F, D, M); its precision is the model's.

@@ -32,7 +32,7 @@ FRESH_ARRAY = "circle4"
 
 @dataclass(frozen=True)
 class CompareOptions:
-    """Compare Pyro's ELBO with Eqs. (13)-(16) and with enumerated masks, in double precision on simulated clips.
+    """Compare Pyro's ELBO with Eqs. (15)-(19) and with enumerated masks, in double precision on simulated clips.
 
     Exit code 1 if exact quantities differ by more than 1e-9 or sampled ones by more than 4 standard errors.
     """

@@ -1,4 +1,4 @@
-"""The ELBO by hand, Eqs. (13)-(16): the oracle that Pyro's estimators are checked against.
+"""The ELBO by hand, Eqs. (15)-(19): the oracle that Pyro's estimators are checked against.
 
 Written straight from the equations with plain complex algebra, sharing no code with the distributions. Nothing here
 takes part in training.
@@ -16,7 +16,7 @@ from avssl_pyro.guides.amortized import AmortizedGuide
 
 @dataclass(frozen=True)
 class ClosedFormTerms:
-    """The three terms of the ELBO, Eqs. (12)-(16), per clip, (B,) each."""
+    """The three terms of the ELBO, Eqs. (14)-(19), per clip, (B,) each."""
 
     log_likelihood_b: Tensor
     kl_weights_b: Tensor
@@ -29,7 +29,7 @@ class ClosedFormTerms:
 
 
 def log_likelihood(x_bfmt: Tensor, steering_fdm: Tensor, w_bkd: Tensor, pi_bk: Tensor, diffuse: float) -> Tensor:
-    """log p(x | w, pi) of Eq. (13) with lambda of Eq. (14), (B,)."""
+    """log p(x | w, pi) of Eq. (15) with lambda of Eq. (16), (B,)."""
     m = x_bfmt.shape[-2]
     share_bkd = (w_bkd / w_bkd.sum(-1, keepdim=True)).to(steering_fdm.dtype)
     eye_mm = torch.eye(m, dtype=steering_fdm.dtype)
@@ -44,14 +44,14 @@ def log_likelihood(x_bfmt: Tensor, steering_fdm: Tensor, w_bkd: Tensor, pi_bk: T
 
 
 def kl_log_normal(mu_bkd: Tensor, sigma_k: Tensor, prior_sigma: float) -> Tensor:
-    """KL(q(w) || p(w)) of Eq. (15), (B,)."""
+    """KL(q(w) || p(w)) of Eq. (18), (B,)."""
     variance_k1 = sigma_k[:, None] ** 2
     quadratic = (mu_bkd**2 + variance_k1 - prior_sigma**2) / (2 * prior_sigma**2)
     return (quadratic + torch.log(prior_sigma / sigma_k[:, None])).sum((-2, -1))
 
 
 def kl_dirichlet(concentration_bk: Tensor, prior_alpha: float) -> Tensor:
-    """KL(Dir(beta pi_bar) || Dir(alpha_0)) of Eq. (16), (B,)."""
+    """KL(Dir(beta pi_bar) || Dir(alpha_0)) of Eq. (19), (B,)."""
     k = concentration_bk.shape[-1]
     total_b = concentration_bk.sum(-1)
     log_norm = torch.lgamma(total_b) - math.lgamma(k * prior_alpha)

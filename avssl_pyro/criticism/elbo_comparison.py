@@ -54,7 +54,7 @@ class SampledAgreement:
 
 
 def mean_field_differences(system: System, x_bfmt: Tensor, image_bcij: Tensor, seed: int = 0) -> list[Difference]:
-    """TraceMeanField_ELBO against Eqs. (13)-(16) at one seed: every term, the loss, every gradient of the guide."""
+    """TraceMeanField_ELBO against Eqs. (15)-(19) at one seed: every term, the loss, every gradient of the guide."""
     estimator = TraceMeanFieldELBOWithTerms()
     loss_module = estimator(system.model, system.guide)
     loss, gradient = _evaluate(system, seed, lambda: loss_module(x_bfmt, image_bcij))

@@ -51,7 +51,7 @@ class DensityGenerator:
     """log p(x | k) = -power log(x^H P x + offset) - log det H + const, in which the power spectral density is gone.
 
     Args:
-        power: M if the density is profiled out (Eq. 14), more if an inverse gamma prior is integrated over.
+        power: M if the density is profiled out (Eq. 16), more if an inverse gamma prior is integrated over.
         offset_b: in units of the scaled x of :class:`ObservedSpectrogram`, (B,).
     """
 

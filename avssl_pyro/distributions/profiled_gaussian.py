@@ -1,4 +1,4 @@
-"""The zero-mean complex Gaussian of one source with its power spectral density profiled out (Eqs. 8, 13, 14).
+"""The zero-mean complex Gaussian of one source with its power spectral density profiled out (Eqs. 8, 15, 16).
 
 Pure functions over whole batches of clips and sources, shared by the mixture distribution, the refinement of
 posteriors and the masks.
@@ -77,9 +77,9 @@ def isotropic_log_likelihood(observed: ObservedSpectrogram) -> Tensor:
 
 
 def component_log_likelihood(observed: ObservedSpectrogram, scm_bkfmm: Tensor) -> Tensor:
-    """log N_C(x_tf; 0, lambda_tfk H_fk) with lambda_tfk = x^H H^-1 x / M of Eq. (14), (B..., F, K, T).
+    """log N_C(x_tf; 0, lambda_tfk H_fk) with lambda_tfk = x^H H^-1 x / M of Eq. (16), (B..., F, K, T).
 
-    With this lambda the exponent of Eq. (13) is the constant -M. The power floor is added to lambda, which changes
+    With this lambda the exponent of Eq. (15) is the constant -M. The power floor is added to lambda, which changes
     nothing in bins above it and bounds the likelihood of silent ones.
     """
     inverse_bkfmm, logdet_bkf = inverse_and_logdet(scm_bkfmm)

@@ -24,10 +24,10 @@ LEAST_LEVEL_OVER_TINY = 1e8
 
 
 class SpatialMixture(TorchDistribution):
-    """x_tf ~ sum_k pi_k N_C(0, lambda_tfk H_fk) with H_fk = sum_d w_kd a_fd a_fd^H + eps I (Eqs. 9, 10).
+    """x_tf ~ sum_k pi_k N_C(0, lambda_tfk H_fk) with H_fk = sum_d w_kd a_fd a_fd^H + eps I (Eqs. 8, 10).
 
     One draw is a whole spectrogram: ``batch_shape`` (B,), ``event_shape`` (F, M, T), complex. Without ``psd_bfkt`` the
-    power spectral densities are replaced by their maximum-likelihood values (Eqs. 13, 14); with it the density is the
+    power spectral densities are replaced by their maximum-likelihood values (Eqs. 15, 16); with it the density is the
     proper mixture and the distribution can be sampled.
 
     Args:
@@ -122,7 +122,7 @@ class SpatialMixture(TorchDistribution):
         return log_pi_bk[..., None, :, None] + self.component_log_prob(value)
 
     def log_prob(self, value: Tensor | ObservedSpectrogram) -> Tensor:
-        """log p(x) summed over the spectrogram, (B...): the logarithm inside Eq. (13)."""
+        """log p(x) summed over the spectrogram, (B...): the logarithm inside Eq. (15)."""
         if self._validate_args and isinstance(value, Tensor):
             self._validate_sample(value)
         return self.joint_log_prob(value).logsumexp(dim=-2).sum(dim=(-2, -1))

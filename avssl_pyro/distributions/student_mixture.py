@@ -19,7 +19,7 @@ class StudentMixture(SpatialMixture):
 
         p(x | k) = scale^a Gamma(a + M) / (pi^M Gamma(a) det H) (scale + x^H H^-1 x)^-(a + M),   a = shape.
 
-    Both parameters going to 0 leads back to the profiled Gaussian of Eq. (14), up to a constant: that is Jeffreys'
+    Both parameters going to 0 leads back to the profiled Gaussian of Eq. (16), up to a constant: that is Jeffreys'
     prior of lambda. Bins far below the scale tell nothing of directions.
 
     Args:

@@ -4,7 +4,7 @@
 
       w ~ q(w | image) --> pi ~ q(pi | x, w)         one draw, shared by every way of computing the ELBO
              |                   |
-             |    TraceMeanField_ELBO  = Eqs. (13) + (15) + (16) by hand     to rounding, with all gradients
+             |    TraceMeanField_ELBO  = Eqs. (15) + (18) + (19) by hand     to rounding, with all gradients
              |    Trace_ELBO           = TraceEnum_ELBO over masks           to rounding, with all gradients
              |    Trace_ELBO           ~ the closed form                     within standard errors
 """

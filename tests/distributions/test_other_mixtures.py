@@ -59,7 +59,7 @@ def test_a_student_component_is_a_gaussian_with_its_power_integrated_over(
 
 
 def test_jeffreys_prior_of_the_power_is_the_papers_profile(latents: tuple[Tensor, Tensor], x_bfmt: Tensor) -> None:
-    """Up to a constant, the power spectral density profiled out (Eq. 14) and integrated over come to the same."""
+    """Up to a constant, the power spectral density profiled out (Eq. 16) and integrated over come to the same."""
     profiled = SpatialMixture(TEMPLATE_DFMM, *latents, num_frames=T).log_prob(x_bfmt)
     vague = student(latents, 1e-9, 1e-9).log_prob(x_bfmt)
     other = latents[0].flip(-1), latents[1].flip(-1)

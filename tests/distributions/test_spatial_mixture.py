@@ -33,7 +33,7 @@ def spectrogram(m: int, *batch: int) -> Tensor:
 
 
 def naive_log_prob(given: SpatialMixture, x_fmt: Tensor) -> Tensor:
-    """Eqs. (9), (10), (13), (14) bin by bin for one clip, without any floor; also Eq. (9) where lambda is given."""
+    """Eqs. (8), (10), (15), (16) bin by bin for one clip, without any floor; also Eq. (8) where lambda is given."""
     m = x_fmt.shape[-2]
     share_kd = given.w / given.w.sum(-1, keepdim=True)
     total = torch.zeros((), dtype=torch.float64)
