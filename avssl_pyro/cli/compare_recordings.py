@@ -13,7 +13,6 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
 from avssl_pyro.benchmarks.recordings import NEAR_DEG, comparison_tables
-from avssl_pyro.cli.train import PRESETS
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, default_baselines
@@ -27,6 +26,7 @@ from avssl_pyro.localization.audio_only import audio_only_localizer
 from avssl_pyro.localization.posterior import SourceThresholds
 from avssl_pyro.recordings.labeled_recordings import LabeledRecording, read_labeled_recordings
 from avssl_pyro.systems.system import SystemConfig, build_system
+from avssl_pyro.training.config import PRESETS
 
 OURS = "audio-only refined"
 NOTES = (

@@ -8,13 +8,15 @@ import tyro
 
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
 from avssl_pyro.cli.gallery import overlay_of, refining_localizer
-from avssl_pyro.cli.train import PRESETS, train_with
 from avssl_pyro.datasets.builtin import TEST, default_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.io.png import save_png
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.checkpoint import load_checkpoint
+from avssl_pyro.training.config import PRESETS
+from avssl_pyro.training.run import run_training
 from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig
+from avssl_pyro.viz.curves import save_run_curves
 
 
 @dataclass(frozen=True)
@@ -40,14 +42,15 @@ def main(args: Sequence[str] | None = None) -> None:
     """Runs the command with ``args`` (by default those of the process)."""
     options = tyro.cli(DemoOptions, args=args)
     checkpoint = options.out / CHECKPOINT_NAME
-    train_with(
+    run_training(
         replace(
             PRESETS["quick"],
             out=options.out,
             cache=options.cache,
             scenes=options.scenes,
             optimization=options.optimization,
-        )
+        ),
+        on_end=save_run_curves,
     )
     evaluate_with(
         EvaluateOptions(

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.png import write_png
+from avssl_pyro.training.metrics_logger import read_log
 
 NUM_COLUMNS = 3
 RAW_COLOR, MEAN_COLOR = "#9bb7d4", "#0b3c6f"
@@ -86,3 +87,21 @@ def save_curves(path: Path, steps: Sequence[float], series: Mapping[str, Sequenc
     picture = io.BytesIO()
     figure.savefig(picture, format="png")
     write_png(path, picture.getvalue())
+
+
+def save_run_curves(run_dir: Path) -> None:
+    """Draws ``curves.png`` from the log of a run."""
+    records = read_log(run_dir)
+    if not records:
+        return
+    titles = {
+        "elbo_gain": "ELBO per bin, above isotropic noise",
+        "kl_direction_weights": "KL of direction weights, per bin",
+        "kl_mixing_levels": "KL of mixing levels, per bin",
+        "beta": "beta",
+        "learning_rate": "learning rate",
+    }
+    series = {title: [record[name] for record in records] for name, title in titles.items() if name in records[-1]}
+    sigmas = [name for name in records[-1] if name.startswith("sigma_")]
+    series["sigma, mean over classes"] = [sum(record[name] for name in sigmas) / len(sigmas) for record in records]
+    save_curves(run_dir / "curves.png", [record["step"] for record in records], series)
