@@ -7,8 +7,7 @@ from avssl_pyro.benchmarks.posterior_method import SOURCE_SETTINGS, PosteriorMet
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, PEAK_SETTINGS, default_baselines
 from avssl_pyro.evaluation.methods import Method
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.localization.audio_only import audio_only_localizer, without_picture
-from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.localizer import Localizer, audio_only_refinement
 from avssl_pyro.systems.checkpoint import fingerprint
 from avssl_pyro.systems.system import System
 
@@ -45,7 +44,7 @@ class MethodSuite:
         config = self.system.config
         grid = config.grid
         localizers = {
-            "audio-only refined": audio_only_localizer(self.system, self.refinement, self.device),
+            "audio-only refined": Localizer(self.system, self.device, refinement=self.refinement, audio_only=True),
             "no-audio-net": Localizer(self.without_audio, self.device, uniform_levels=True),
             "amortized": Localizer(self.system, self.device),
         }
@@ -61,7 +60,7 @@ class MethodSuite:
             "system": fingerprint(self.system),
             "without_audio": fingerprint(self.without_audio),
             "refinement": asdict(self.refinement),
-            "blind_refinement": asdict(without_picture(self.refinement)),
+            "blind_refinement": asdict(audio_only_refinement(self.refinement)),
             "baseline_band_hz": list(self.baseline_band_hz),
             "source_settings": [asdict(setting) for setting in SOURCE_SETTINGS],
             "peak_settings": [asdict(setting) for setting in PEAK_SETTINGS],

@@ -22,7 +22,7 @@ from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.guides.refined import RefinementConfig
 from avssl_pyro.io.clip_files import read_audio
-from avssl_pyro.localization.audio_only import audio_only_localizer
+from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import SourceThresholds
 from avssl_pyro.recordings.labeled_recordings import LabeledRecording, read_labeled_recordings
 from avssl_pyro.systems.system import SystemConfig, build_system
@@ -120,7 +120,8 @@ def _ours(
     preset = PRESETS["two-cores"]
     model = replace(preset.model, num_sources=options.classes)
     system = build_system(SystemConfig(array, model, stft=preset.stft))
-    localizer = audio_only_localizer(system, RefinementConfig(rounds=options.rounds), pause_db=options.pause_db)
+    refinement = RefinementConfig(rounds=options.rounds)
+    localizer = Localizer(system, refinement=refinement, audio_only=True, pause_db=options.pause_db)
     # One by one, for they need not be of equal length.
     method = PosteriorMethod(OURS, localizer.posteriors, system.config.grid, batch_size=1)
     heard = method.observe_all(tqdm(clips, desc=OURS))

@@ -22,13 +22,7 @@ from avssl_pyro.io.clip_files import read_clip
 from avssl_pyro.io.csv_table import read_csv_table
 from avssl_pyro.io.separated_sound import write_separated
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import (
-    ONE_PASS_THRESHOLDS,
-    REFINED_THRESHOLDS,
-    SourceThresholds,
-    select_sources,
-)
-from avssl_pyro.localization.results import result_dict
+from avssl_pyro.localization.posterior import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS, SourceThresholds
 from avssl_pyro.separation.separator import Separator
 from avssl_pyro.viz.overlay import save_overlay
 
@@ -97,18 +91,19 @@ def main(args: Sequence[str] | None = None) -> int | None:
     if options.rounds < 0:
         raise InputError(f"--rounds is {options.rounds}; give a number of rounds of refinement, or 0 for none.")
     refinement = RefinementConfig(rounds=options.rounds) if options.rounds else None
-    localizer = Localizer(system, options.device, refinement=refinement)
-    thresholds = options.thresholds
+    localizer = Localizer(system, options.device, refinement=refinement, thresholds=options.thresholds)
     if whole:
         audio = _audio_of_recording(options)
         refined = options.rounds > 0
-        return localize_recording(options.recording, audio, options.out, array, localizer, thresholds, refined)
+        return localize_recording(
+            options.recording, audio, options.out, array, localizer, localizer.thresholds, refined
+        )
     # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
     for entry in inputs:
         if not read_clip(entry.image, entry.audio, array).audio_mn.any():
             print(f"warning: {entry.audio}: is silent throughout.", file=sys.stderr)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = list(_results(inputs, options, array, localizer, thresholds))
+    lines = list(_results(inputs, options, array, localizer))
     write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())
     if options.manifest is None:
         _print_sources(json.loads(lines[0]))
@@ -152,13 +147,12 @@ def _results(
     options: LocalizeOptions,
     array: MicrophoneArray,
     localizer: Localizer,
-    thresholds: SourceThresholds,
 ) -> Iterator[str]:
     separator = None if options.separate is None else Separator(localizer.config)
     for number, entry in enumerate(tqdm(inputs, unit="clip", desc="localizing", disable=len(inputs) == 1)):
         clip = read_clip(entry.image, entry.audio, array)
-        (posterior,) = localizer.posteriors([clip])
-        sources = select_sources(posterior, localizer.config.grid, thresholds)
+        (found,) = localizer.localize([clip])
+        posterior, sources = found.posterior, found.sources
         if options.overlay is not None:
             save_overlay(
                 _overlay_path(options, number, clip), clip.image_ijc, posterior, sources, localizer.config.grid
@@ -168,10 +162,7 @@ def _results(
             sound_sn = separator.separate(clip.audio_mn, posterior, sources)
             azimuths = [source.azimuth for source in sources]
             separated = write_separated(options.separate, _name(options, number, clip), azimuths, sound_sn)
-        result = result_dict(
-            posterior,
-            sources,
-            localizer.config.grid,
+        result = found.to_dict(
             separated,
             audio=str(entry.audio),
             image=str(entry.image),

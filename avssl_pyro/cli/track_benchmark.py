@@ -17,7 +17,7 @@ from avssl_pyro.benchmarks.tracking import SimulatedRecordings, compare
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores
 from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.localization.audio_only import audio_only_localizer
+from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.simulation.moving_audio import MovingAudioConfig
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig
 from avssl_pyro.systems.system import ModelConfig, SystemConfig, build_system
@@ -68,7 +68,7 @@ def _simulated(options: TrackBenchmarkOptions) -> SimulatedRecordings:
 
 def _heard(options: TrackBenchmarkOptions) -> RenderedRecordings:
     system = build_system(SystemConfig(resolve_array(options.array), ModelConfig(num_sources=options.classes)))
-    localizer = audio_only_localizer(system, RefinementConfig(rounds=options.rounds))
+    localizer = Localizer(system, refinement=RefinementConfig(rounds=options.rounds), audio_only=True)
     return RenderedRecordings(
         localizer, talkers=options.talkers, audio=options.audio, count=options.recordings, seed=options.seed
     )

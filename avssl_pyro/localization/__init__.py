@@ -1,1 +1,1 @@
-"""From clips to posteriors and sources."""
+"""Localization of clips: posteriors, sources and results."""

@@ -1,4 +1,4 @@
-"""Runs a trained system on clips: a forward pass of the guide, refined clip by clip if asked, gives each posterior."""
+"""Localizes the sounding sources of clips: one forward pass of a guide, or a refinement fitted to every clip."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,30 +12,52 @@ from avssl_pyro.acoustics.stft import loud_frames, stft
 from avssl_pyro.batch import collate_clips
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.base import GuideParameters, Initializer, PosteriorGuide
+from avssl_pyro.guides.base import GuideParameters, PosteriorGuide
+from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
-from avssl_pyro.localization.posterior import ClipPosterior
+from avssl_pyro.localization.posterior import (
+    AUDIO_ONLY_THRESHOLDS,
+    ONE_PASS_THRESHOLDS,
+    REFINED_THRESHOLDS,
+    ClipPosterior,
+    SourceThresholds,
+    select_sources,
+)
+from avssl_pyro.localization.results import Localization
 from avssl_pyro.systems.system import System
 
 DIRECTION_DRAWS = 64
 
 
-class Localizer:
-    """A system ready to localize.
+def audio_only_refinement(refinement: RefinementConfig) -> RefinementConfig:
+    """The refinement without the image: no prior from it, and no softening, which lobes do not need."""
+    return replace(refinement, image_weight=0.0, softening=1.0)
 
-    Raises:
-        InputError: the device cannot be used here, or the guide cannot be asked for its parameters.
+
+class Localizer:
+    """Estimates the posterior and the sources of clips.
 
     Args:
         system: model and guide; the guide is put into evaluation mode.
-        device: where to compute.
+        device: torch device of the computation.
+        refinement: settings of the refinement of every clip's posterior; without them one forward pass is final.
+        audio_only: ignore the images; the refinement starts from broad lobes around the circle instead.
         uniform_levels: ignore the audio network and give every class the level 1/K ("w/o Aud").
-        refinement: refine every clip's posterior so; by default the networks' answer is final.
-        start: where refinement starts; by default at the system's own guide.
-        guide: asked instead of all these, whatever it is; it may belong to another model of the same array.
-        pause_db: leave out frames whose power is so many decibels below that of the clip's loudest. In pauses there is
-            nothing but noise, and a level, the share of bins that a source dominates, falls with every one of them.
-        seed: of the draws behind the posterior spread of directions.
+        guide: guide used in place of all these; it may belong to another model of the same array.
+        thresholds: conditions under which a class counts as a source; the defaults depend on the kind of posterior.
+        pause_db: decibels below a clip's loudest frame; frames quieter than that are left out. Pauses hold only noise,
+            and every one of them lowers the levels, the shares of bins that the sources dominate.
+        seed: seed of the draws behind the posterior spread of directions.
+
+    Raises:
+        InputError: the device is not available, or the guide does not return its parameters.
+
+    >>> from avssl_pyro.clip import Clip
+    >>> from avssl_pyro.systems.pretrained import load_weights_of
+    >>> localizer = Localizer(load_weights_of("circle2"))
+    >>> silence = Clip.without_picture("silence", np.zeros((2, 16_000), np.float32))
+    >>> localizer.localize([silence])[0].sources
+    ()
     """
 
     def __init__(
@@ -43,10 +65,11 @@ class Localizer:
         system: System,
         device: torch.device | str = "cpu",
         *,
-        uniform_levels: bool = False,
         refinement: RefinementConfig | None = None,
-        start: Initializer | None = None,
+        audio_only: bool = False,
+        uniform_levels: bool = False,
         guide: PosteriorGuide | None = None,
+        thresholds: SourceThresholds | None = None,
         pause_db: float | None = None,
         seed: int = 0,
     ) -> None:
@@ -55,17 +78,30 @@ class Localizer:
             self.device = torch.empty(0, device=device).device
         except (RuntimeError, AssertionError) as error:
             raise InputError(f"device '{device}' cannot be used here ({str(error).splitlines()[0]}).") from error
-        if guide is None and refinement is not None:
-            guide = RefinedGuide(system.guide if start is None else start, system.model, refinement)
-        if guide is not None and not hasattr(guide, "parameters_of"):
+        if guide is None:
+            guide = _guide(system, refinement, audio_only)
+        if not hasattr(guide, "parameters_of"):
             raise InputError(
-                f"Localizer: {type(guide).__name__} has no 'parameters_of'; give a guide that can tell its parameters."
+                f"Localizer: {type(guide).__name__} has no 'parameters_of'; give a guide that returns its parameters."
             )
-        asked: PosteriorGuide = system.guide if guide is None else guide
-        self.guide = asked.to(self.device).eval()
+        self.guide = guide.to(self.device).eval()
+        self.audio_only = audio_only
+        self.thresholds = _default_thresholds(self.guide, audio_only) if thresholds is None else thresholds
         self.uniform_levels = uniform_levels
         self.pause_db = pause_db
         self.seed = seed
+
+    def localize(self, clips: Sequence[Clip]) -> list[Localization]:
+        """Posteriors and sources of clips of equal length, in order.
+
+        Raises:
+            InputError: a clip's channels are not those of the system's array.
+        """
+        grid = self.config.grid
+        return [
+            Localization(posterior, select_sources(posterior, grid, self.thresholds), grid)
+            for posterior in self.posteriors(clips)
+        ]
 
     def posteriors(self, clips: Sequence[Clip]) -> list[ClipPosterior]:
         """Posteriors of clips of equal length, in order.
@@ -132,8 +168,21 @@ class Localizer:
         return torch.from_numpy(np.sqrt(variance_bk))
 
 
+def _guide(system: System, refinement: RefinementConfig | None, audio_only: bool) -> PosteriorGuide:
+    if audio_only:
+        lobes = UninformedInitializer(system.config.model.num_sources, system.config.grid)
+        return RefinedGuide(lobes, system.model, audio_only_refinement(refinement or RefinementConfig()))
+    return system.guide if refinement is None else RefinedGuide(system.guide, system.model, refinement)
+
+
+def _default_thresholds(guide: PosteriorGuide, audio_only: bool) -> SourceThresholds:
+    if audio_only:
+        return AUDIO_ONLY_THRESHOLDS
+    return REFINED_THRESHOLDS if getattr(guide, "fits_each_clip", False) else ONE_PASS_THRESHOLDS
+
+
 def _silent(posterior: ClipPosterior) -> ClipPosterior:
-    """What is known of a clip in which nothing sounds, whatever the picture suggests: every direction is alike."""
+    """The posterior of a silent clip, whatever its image: all directions and levels are equally likely."""
     k, d = posterior.direction_weights_kd.shape
     return replace(
         posterior,

@@ -1,4 +1,4 @@
-"""From the posterior of one clip to a list of sources: where, how loud, how sure."""
+"""The posterior of one clip, and the sources selected from it."""
 
 import math
 import sys
@@ -14,14 +14,14 @@ from avssl_pyro.errors import InputError
 
 @dataclass(frozen=True)
 class ClipPosterior:
-    """What the guide believes about one clip.
+    """Posterior means and spreads of one clip.
 
     Args:
         direction_weights_kd: expected direction weights, (K, D), each row summing to 1 (Eq. 1).
         mixing_levels_k: expected mixing levels, (K,), summing to 1.
         level_std_k: their posterior standard deviations, (K,).
         azimuth_std_k: posterior standard deviation of every class's peak direction, (K,), radians.
-        activations_kij: 2-D activation maps over the image, (K, I', J'), or None where no image took part.
+        activations_kij: 2-D activation maps over the image, (K, I', J'), or None without an image.
     """
 
     direction_weights_kd: npt.NDArray[np.float64]
@@ -33,12 +33,12 @@ class ClipPosterior:
 
 @dataclass(frozen=True)
 class SourceThresholds:
-    """When a source class counts as a sounding object.
+    """Conditions under which a source class counts as a source.
 
     Args:
-        level: least mixing level. The paper has 0.02; more classes and refined posteriors ask for more.
+        level: least mixing level. The paper has 0.02; more classes and refined posteriors need more.
         peak: least weight of the strongest direction; classes below it are diffuse noise.
-        merge_deg: classes closer than this are one object.
+        merge_deg: angle in degrees; classes closer than this are one source.
     """
 
     level: float = 0.05
@@ -53,23 +53,27 @@ class SourceThresholds:
             raise InputError(f"SourceThresholds: merge_deg is {self.merge_deg}; it must be from 0 to 180.")
 
 
-# Chosen on scenes in which some are silent, for posteriors that began with the picture. Those of one forward pass
-# tell less of who is silent; those of sound alone have the defaults above.
+# Tuned on scenes in which some people are silent. One forward pass separates silent from sounding classes less well.
 REFINED_THRESHOLDS = SourceThresholds(level=0.03, peak=0.2)
 ONE_PASS_THRESHOLDS = SourceThresholds(level=0.08, peak=0.3)
+AUDIO_ONLY_THRESHOLDS = SourceThresholds()
 
 
 @dataclass(frozen=True)
 class LocalizedSource:
-    """One sounding object; angles in radians.
+    """One source of a clip.
 
     Args:
-        azimuth: direction of arrival, counter-clockwise from straight ahead.
-        azimuth_std: posterior standard deviation of the azimuth.
-        level: mixing level, the share of time-frequency bins the source dominates.
+        azimuth: direction of arrival in radians, counter-clockwise from straight ahead.
+        azimuth_std: posterior standard deviation of the azimuth in radians.
+        level: mixing level, the share of time-frequency bins that the source dominates.
         level_std: posterior standard deviation of the level.
-        source_class: index k of the source class; where two were merged, the louder one's.
-        merged_classes: the others that were merged into it.
+        source_class: index k of the source class; of merged classes, that of the loudest.
+        merged_classes: indices of the classes merged into it.
+
+    >>> source = LocalizedSource(azimuth=math.pi / 2, azimuth_std=0.02, level=0.4, level_std=0.05, source_class=1)
+    >>> source.azimuth_deg
+    90.0
     """
 
     azimuth: float
@@ -81,8 +85,18 @@ class LocalizedSource:
 
     @property
     def classes(self) -> tuple[int, ...]:
-        """All source classes that make up this object."""
+        """All source classes that make up this source."""
         return (self.source_class, *self.merged_classes)
+
+    @property
+    def azimuth_deg(self) -> float:
+        """Direction of arrival in degrees: 0 is straight ahead, +90 left."""
+        return math.degrees(self.azimuth)
+
+    @property
+    def azimuth_std_deg(self) -> float:
+        """Posterior standard deviation of the azimuth in degrees."""
+        return math.degrees(self.azimuth_std)
 
 
 def peak_azimuth(weights_d: npt.NDArray[np.float64], grid: DirectionGrid) -> float:
@@ -103,7 +117,16 @@ def peak_azimuth(weights_d: npt.NDArray[np.float64], grid: DirectionGrid) -> flo
 def select_sources(
     posterior: ClipPosterior, grid: DirectionGrid, thresholds: SourceThresholds
 ) -> tuple[LocalizedSource, ...]:
-    """The sounding objects of a clip, loudest first (the paper's Sec. III-B.3, with close classes merged)."""
+    """The sources of a clip, loudest first (the paper's Sec. III-B.3, with close classes merged).
+
+    >>> grid = DirectionGrid(72)
+    >>> weights_kd = np.full((2, 72), 1 / 72)
+    >>> weights_kd[0] = 0.0
+    >>> weights_kd[0, 18] = 1.0
+    >>> posterior = ClipPosterior(weights_kd, np.array([0.6, 0.4]), np.full(2, 0.01), np.full(2, 0.02))
+    >>> [round(source.azimuth_deg, 1) for source in select_sources(posterior, grid, REFINED_THRESHOLDS)]
+    [87.5]
+    """
     sources = [
         LocalizedSource(
             azimuth=peak_azimuth(weights_d, grid),
@@ -115,7 +138,7 @@ def select_sources(
         for k, weights_d in enumerate(posterior.direction_weights_kd)
         if posterior.mixing_levels_k[k] >= thresholds.level and weights_d.max() >= thresholds.peak
     ]
-    # Merging moves an object, perhaps close to another; so the closest pair goes first, until none is left.
+    # Merging moves a source, perhaps close to another; so the closest pair goes first, until none is left.
     while pair := _closest_pair(sources, np.deg2rad(thresholds.merge_deg)):
         sources = [source for source in sources if source not in pair]
         sources.append(_merge(*sorted(pair, key=lambda source: -source.level)))

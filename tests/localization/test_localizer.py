@@ -8,10 +8,16 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import StftConfig
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.initializers import UninformedInitializer
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import ClipPosterior
+from avssl_pyro.localization.posterior import (
+    AUDIO_ONLY_THRESHOLDS,
+    ONE_PASS_THRESHOLDS,
+    REFINED_THRESHOLDS,
+    ClipPosterior,
+    SourceThresholds,
+    select_sources,
+)
 from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
 
 K, D = 3, 36
@@ -132,7 +138,7 @@ def test_pauses_can_be_left_out() -> None:
     paused = replace(loud, audio_mn=np.concatenate([loud.audio_mn, quiet_mn], axis=1))
     system = make_system()
     everything, without_pauses = (
-        Localizer(system, refinement=RefinementConfig(), start=UninformedInitializer(K, CONFIG.grid), pause_db=pause_db)
+        Localizer(system, refinement=RefinementConfig(), audio_only=True, pause_db=pause_db)
         for pause_db in (None, 20.0)
     )
     [expected] = everything.posteriors([loud])
@@ -143,3 +149,32 @@ def test_pauses_can_be_left_out() -> None:
         np.abs(levels.mixing_levels_k - expected.mixing_levels_k).max() for levels in (left_out, mixed)
     )
     assert error_k < 0.05 < mixed_error_k
+
+
+def test_one_call_gives_posteriors_and_sources() -> None:
+    localizer = Localizer(make_system(), thresholds=SourceThresholds(level=0.0, peak=0.0, merge_deg=0.0))
+    found, expected = localizer.localize(clips(2)), localizer.posteriors(clips(2))
+    for localization, posterior in zip(found, expected, strict=True):
+        assert_same(localization.posterior, posterior)
+        assert localization.sources == select_sources(posterior, CONFIG.grid, localizer.thresholds)
+        assert len(localization.sources) == K
+
+
+def test_thresholds_are_those_of_the_kind_of_posterior() -> None:
+    system = make_system()
+    refinement = RefinementConfig(rounds=2)
+    assert Localizer(system).thresholds == ONE_PASS_THRESHOLDS
+    assert Localizer(system, refinement=refinement).thresholds == REFINED_THRESHOLDS
+    assert Localizer(system, refinement=refinement, audio_only=True).thresholds == AUDIO_ONLY_THRESHOLDS
+    assert Localizer(system, guide=RefinedGuide(system.guide, system.model)).thresholds == REFINED_THRESHOLDS
+    chosen = SourceThresholds(level=0.5)
+    assert Localizer(system, thresholds=chosen).thresholds == chosen
+
+
+def test_audio_only_ignores_the_images() -> None:
+    localizer = Localizer(make_system(), audio_only=True)
+    first, second = clips(2)
+    (own,) = localizer.posteriors([first])
+    (swapped,) = localizer.posteriors([replace(first, image_ijc=second.image_ijc)])
+    np.testing.assert_array_equal(own.direction_weights_kd, swapped.direction_weights_kd)
+    np.testing.assert_array_equal(own.mixing_levels_k, swapped.mixing_levels_k)
