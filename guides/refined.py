@@ -7,8 +7,6 @@ The standard deviations of log w come from the expected information, see :mod:`a
 and likelihood are the model's, see :mod:`avssl_pyro.guides.conjugacy` for those that can be swapped.
 """
 
-from dataclasses import dataclass
-
 import torch
 import torch.nn.functional as F
 from pyro.nn import PyroModule
@@ -20,41 +18,11 @@ from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.base import GuideParameters, Initializer
 from avssl_pyro.guides.conjugacy import check_ascent, model_ascent
 from avssl_pyro.guides.fixed import FixedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 # Twice the closed-form step, until it overshoots for the first time.
 OVERRELAXATION = 2.0
-
-
-@dataclass(frozen=True)
-class RefinementConfig:
-    """How far and on what a posterior is refined.
-
-    Args:
-        rounds: most rounds of ascent.
-        tolerance: a clip has arrived when its log posterior per time-frequency bin rises by less in a round.
-        softening: the networks' log-weights are multiplied by it to start with; a start that is too sure of itself
-            locks in, one that is flat forgets the picture.
-        image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu). The picture
-            decides where the climb starts in any case; with a weight it also holds it back.
-        extra_classes: source classes added to those of the networks; they start looking everywhere alike.
-        bin_step, frame_step: every how many frequencies and frames are used; neighbours tell nearly the same.
-    """
-
-    rounds: int = 30
-    tolerance: float = 1e-4
-    softening: float = 0.8
-    image_weight: float = 0.0
-    extra_classes: int = 0
-    bin_step: int = 1
-    frame_step: int = 1
-
-    def __post_init__(self) -> None:
-        for name in ("rounds", "bin_step", "frame_step"):
-            if getattr(self, name) < 1:
-                raise InputError(f"RefinementConfig: {name} is {getattr(self, name)}; it must be at least 1.")
-        if self.extra_classes < 0:
-            raise InputError(f"RefinementConfig: extra_classes is {self.extra_classes}; it must be at least 0.")
 
 
 class RefinedGuide(PyroModule):
@@ -76,9 +44,10 @@ class RefinedGuide(PyroModule):
         self,
         start: Initializer,
         model: SpatialCGMM,
-        config: RefinementConfig = RefinementConfig(),
+        config: RefinementConfig | None = None,
     ) -> None:
         super().__init__()
+        config = RefinementConfig() if config is None else config
         if not hasattr(start, "log_weights"):
             raise InputError(
                 f"RefinedGuide: {type(start).__name__} has no 'log_weights' to start at; give one of networks, such "

@@ -38,7 +38,8 @@ from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.simulation.layout import SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.systems.checkpoint import save_checkpoint
-from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.systems.system import SystemConfig, build_system
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

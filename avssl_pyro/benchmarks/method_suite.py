@@ -6,7 +6,7 @@ from typing import Any
 from avssl_pyro.benchmarks.posterior_method import SOURCE_SETTINGS, PosteriorMethod
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, PEAK_SETTINGS, default_baselines
 from avssl_pyro.evaluation.methods import Method
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer, audio_only_refinement
 from avssl_pyro.systems.checkpoint import fingerprint
 from avssl_pyro.systems.system import System

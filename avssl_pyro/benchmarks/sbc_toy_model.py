@@ -16,7 +16,8 @@ from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.nuts import NutsConfig, sample_posteriors
 from avssl_pyro.guides.per_clip import PerClipConfig, PerClipGuide
 from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.guides.refined import RefinedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 

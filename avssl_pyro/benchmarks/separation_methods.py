@@ -9,7 +9,8 @@ import numpy.typing as npt
 import torch
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.stft import StftConfig, istft, stft
+from avssl_pyro.acoustics.stft import istft, stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.benchmarks.talker_mixtures import TalkerMixture
 from avssl_pyro.evaluation.matching import angular_errors, gate_then_assign
 from avssl_pyro.localization.localizer import Localizer

@@ -39,7 +39,7 @@ from avssl_pyro.distributions.profiled_gaussian import component_log_likelihood,
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.systems.pretrained import load_pretrained

@@ -19,9 +19,9 @@ from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split, default_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.labeled_scenes import LabeledScenes
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.systems.checkpoint import fingerprint
-from avssl_pyro.systems.pretrained import MOST_GENERAL
+from avssl_pyro.systems.config import MOST_GENERAL
 
 # Counted up when the same facts lead to other numbers.
 FORMAT = 2

@@ -22,7 +22,8 @@ from avssl_pyro.criticism.elbo_comparison import (
 )
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.scenes import SceneSimulator
-from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig, ModelConfig
+from avssl_pyro.systems.system import System, SystemConfig, build_system
 
 MAX_STANDARD_ERRORS = 4.0
 MAX_RELATIVE = 1e-9

@@ -20,7 +20,7 @@ from avssl_pyro.evaluation.methods import plain_and_tuned
 from avssl_pyro.evaluation.metrics import Azimuths
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.evaluation.report import print_tables
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.clip_files import read_audio
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import SourceThresholds

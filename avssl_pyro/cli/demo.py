@@ -13,9 +13,9 @@ from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.io.png import save_png
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.training.config import PRESETS
+from avssl_pyro.training.config import PRESETS, OptimizationConfig
 from avssl_pyro.training.run import run_training
-from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig
+from avssl_pyro.training.svi import CHECKPOINT_NAME
 from avssl_pyro.viz.curves import save_run_curves
 
 

@@ -19,9 +19,10 @@ from avssl_pyro.datasets.labeled_scenes import LabeledScenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ
 from avssl_pyro.evaluation.report import print_table, write_report
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.systems.pretrained import MOST_GENERAL, PRETRAINED, load_weights_of
+from avssl_pyro.systems.config import MOST_GENERAL, PRETRAINED
+from avssl_pyro.systems.pretrained import load_weights_of
 from avssl_pyro.systems.system import System
 
 

@@ -12,11 +12,11 @@ import tyro
 from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.png import save_png
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import REFINED_THRESHOLDS, select_sources
-from avssl_pyro.systems.pretrained import MOST_GENERAL
+from avssl_pyro.systems.config import MOST_GENERAL
 from avssl_pyro.systems.system import System
 from avssl_pyro.viz.overlay import draw_overlay
 

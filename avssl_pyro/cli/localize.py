@@ -17,7 +17,7 @@ from avssl_pyro.cli.first_look import given
 from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.clip_files import read_clip
 from avssl_pyro.io.csv_table import read_csv_table
 from avssl_pyro.io.separated_sound import write_separated

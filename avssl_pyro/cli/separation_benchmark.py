@@ -21,7 +21,7 @@ from avssl_pyro.cli.chosen_system import choose_system
 from avssl_pyro.cli.material import AssetOptions
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.report import print_tables
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
 from avssl_pyro.separation.beamforming import Masking, Mvdr

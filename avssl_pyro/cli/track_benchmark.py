@@ -16,11 +16,12 @@ from avssl_pyro.benchmarks.simulated_detections import DetectorConfig
 from avssl_pyro.benchmarks.tracking import SimulatedRecordings, compare
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.simulation.moving_audio import MovingAudioConfig
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig
-from avssl_pyro.systems.system import ModelConfig, SystemConfig, build_system
+from avssl_pyro.systems.config import ModelConfig
+from avssl_pyro.systems.system import SystemConfig, build_system
 from avssl_pyro.tracking.tracker import TrackingConfig
 
 

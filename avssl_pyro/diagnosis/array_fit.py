@@ -17,7 +17,8 @@ from torch import Tensor
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.acoustics.stft import StftConfig, stft
+from avssl_pyro.acoustics.stft import stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 
 DIFFUSE = 0.1
 EM_ROUNDS = 5

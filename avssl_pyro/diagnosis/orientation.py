@@ -27,7 +27,8 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.covariance import spatial_covariance
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.acoustics.stft import StftConfig, stft
+from avssl_pyro.acoustics.stft import stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.batch import collate_clips
 from avssl_pyro.clip import Clip
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, component_log_likelihood, observe

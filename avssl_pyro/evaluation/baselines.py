@@ -13,7 +13,7 @@ from pyroomacoustics.doa.doa import DOA
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.metrics import Azimuths

@@ -14,7 +14,8 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.base import GuideParameters, PosteriorGuide
 from avssl_pyro.guides.initializers import UninformedInitializer
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.guides.refined import RefinedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.posterior import (
     AUDIO_ONLY_THRESHOLDS,
     ONE_PASS_THRESHOLDS,

@@ -8,7 +8,8 @@ import numpy.typing as npt
 import torch
 
 from avssl_pyro.acoustics.covariance import template_covariances
-from avssl_pyro.acoustics.stft import StftConfig, istft, stft
+from avssl_pyro.acoustics.stft import istft, stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource

@@ -7,13 +7,9 @@ import numpy as np
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.systems.checkpoint import load_checkpoint
+from avssl_pyro.systems.config import MOST_GENERAL, PRETRAINED
 from avssl_pyro.systems.system import System, build_system
 from avssl_pyro.systems.trained_array import SAME_PLACE_M
-
-# By the array they were trained with.
-PRETRAINED = ("circle2", "circle4", "circle6")
-# Whose weights serve an array that is none of these: its visual network was trained with the most microphones.
-MOST_GENERAL = "circle6"
 
 
 @dataclass(frozen=True)

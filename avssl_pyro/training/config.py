@@ -1,16 +1,95 @@
 """The settings of one training, and the presets they start from."""
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
-from avssl_pyro.acoustics.stft import StftConfig
-from avssl_pyro.systems.pretrained import MOST_GENERAL
-from avssl_pyro.systems.system import GuideConfig, ModelConfig
-from avssl_pyro.training.distillation import DistillationConfig
-from avssl_pyro.training.svi import OptimizationConfig
+from avssl_pyro.acoustics.stft_config import StftConfig
+from avssl_pyro.errors import InputError
+from avssl_pyro.systems.config import MOST_GENERAL, GuideConfig, ModelConfig
 
 ARRAY_OF_DATA = "data"
+
+
+@dataclass(frozen=True)
+class DistillationConfig:
+    """How refined posteriors teach the guide.
+
+    Args:
+        weight: of the cross-entropy of directions, in nats per clip, beside the ELBO per time-frequency bin; 0 turns
+            it off.
+        level_weight: the same of the cross-entropy of levels, whose gradient has the scale of the ELBO's; nothing to
+            a guide without an audio network.
+        rounds: of ascent behind a target.
+        softening: the log-weights are multiplied by it to start with, as in a refinement.
+        smoothing_deg: standard deviation of the kernel that targets are smoothed with over directions, degrees.
+        warmup: share of the training over which the weights rise from 0; the first starts are worth nothing.
+        frame_step: every how many frames are used for targets.
+    """
+
+    weight: float = 0.0
+    level_weight: float = 0.0
+    rounds: int = 10
+    softening: float = 0.6
+    smoothing_deg: float = 5.0
+    warmup: float = 0.15
+    frame_step: int = 2
+
+    def __post_init__(self) -> None:
+        for name in ("weight", "level_weight"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise InputError(f"DistillationConfig: {name} is {getattr(self, name)}; it must be at least 0.")
+        if self.rounds < 1 or self.frame_step < 1 or not 0 < self.smoothing_deg < 180 or not 0 <= self.warmup <= 1:
+            raise InputError(
+                f"DistillationConfig: rounds {self.rounds} and frame_step {self.frame_step} must be at least 1, "
+                f"smoothing_deg {self.smoothing_deg} between 0 and 180, and warmup {self.warmup} between 0 and 1."
+            )
+
+    def strength_at(self, step: int, total_steps: int) -> float:
+        """What the weights are multiplied by at a step of the training; 0 if there is nothing to teach."""
+        return min(1.0, step / max(1.0, self.warmup * total_steps)) if self.weight or self.level_weight else 0.0
+
+
+@dataclass(frozen=True)
+class OptimizationConfig:
+    """How a system is trained.
+
+    Args:
+        epochs: passes over the data.
+        batch_size: clips per process and step.
+        learning_rate: of AdamW, at its highest.
+        weight_decay: of AdamW.
+        warmup_steps: steps over which the learning rate rises from 0.
+        final_learning_rate: learning rate of the last step as a share of the highest; a cosine leads there.
+        gradient_clip: largest norm of the gradient of the loss: the ELBO per time-frequency bin and, if any, targets.
+        seed: of weights, noise and order.
+        num_workers: processes that read ahead, of use to a GPU; 0 reads in the training process, faster on few cores.
+        log_every: steps between log records.
+        checkpoint_minutes: minutes between checkpoints.
+        freeze_visual: leave the visual network as it is and train the rest; for a start from another array's system.
+    """
+
+    epochs: int = 5
+    batch_size: int = 16
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-2
+    warmup_steps: int = 100
+    final_learning_rate: float = 0.02
+    gradient_clip: float = 1.0
+    seed: int = 0
+    num_workers: int = 0
+    log_every: int = 10
+    checkpoint_minutes: float = 3.0
+    freeze_visual: bool = False
+
+    def __post_init__(self) -> None:
+        for name, least in (("epochs", 1), ("batch_size", 1), ("log_every", 1), ("num_workers", 0), ("seed", 0)):
+            if getattr(self, name) < least:
+                raise InputError(f"OptimizationConfig: {name} is {getattr(self, name)}; it must be at least {least}.")
+        for name in ("learning_rate", "gradient_clip"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise InputError(f"OptimizationConfig: {name} is {getattr(self, name)}; it must be positive.")
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ refined posterior is a function of model, picture and recording.
 """
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -17,53 +16,14 @@ from pyro.infer import Trace_ELBO
 from torch import Tensor, nn
 
 from avssl_pyro.distributions.map_em import MapEMState
-from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.conjugacy import check_ascent, model_ascent
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+from avssl_pyro.training.config import DistillationConfig
 from avssl_pyro.training.elbo_terms import ElboTermsMixin
 
 # Close to the common overrelaxation of 2, and safe for a fixed number of rounds.
 STRETCH = 1.8
-
-
-@dataclass(frozen=True)
-class DistillationConfig:
-    """How refined posteriors teach the guide.
-
-    Args:
-        weight: of the cross-entropy of directions, in nats per clip, beside the ELBO per time-frequency bin; 0 turns
-            it off.
-        level_weight: the same of the cross-entropy of levels, whose gradient has the scale of the ELBO's; nothing to
-            a guide without an audio network.
-        rounds: of ascent behind a target.
-        softening: the log-weights are multiplied by it to start with, as in a refinement.
-        smoothing_deg: standard deviation of the kernel that targets are smoothed with over directions, degrees.
-        warmup: share of the training over which the weights rise from 0; the first starts are worth nothing.
-        frame_step: every how many frames are used for targets.
-    """
-
-    weight: float = 0.0
-    level_weight: float = 0.0
-    rounds: int = 10
-    softening: float = 0.6
-    smoothing_deg: float = 5.0
-    warmup: float = 0.15
-    frame_step: int = 2
-
-    def __post_init__(self) -> None:
-        for name in ("weight", "level_weight"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise InputError(f"DistillationConfig: {name} is {getattr(self, name)}; it must be at least 0.")
-        if self.rounds < 1 or self.frame_step < 1 or not 0 < self.smoothing_deg < 180 or not 0 <= self.warmup <= 1:
-            raise InputError(
-                f"DistillationConfig: rounds {self.rounds} and frame_step {self.frame_step} must be at least 1, "
-                f"smoothing_deg {self.smoothing_deg} between 0 and 180, and warmup {self.warmup} between 0 and 1."
-            )
-
-    def strength_at(self, step: int, total_steps: int) -> float:
-        """What the weights are multiplied by at a step of the training; 0 if there is nothing to teach."""
-        return min(1.0, step / max(1.0, self.warmup * total_steps)) if self.weight or self.level_weight else 0.0
 
 
 class DistillationLoss(nn.Module):

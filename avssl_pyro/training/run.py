@@ -15,7 +15,8 @@ from avssl_pyro.datasets.builtin import TRAIN, default_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.systems.pretrained import PRETRAINED, load_weights_of
+from avssl_pyro.systems.config import PRETRAINED
+from avssl_pyro.systems.pretrained import load_weights_of
 from avssl_pyro.systems.system import System, SystemConfig, build_system
 from avssl_pyro.training.config import ARRAY_OF_DATA, TrainingConfig
 from avssl_pyro.training.elbo_terms import TraceELBOWithTerms, TraceMeanFieldELBOWithTerms

@@ -9,7 +9,6 @@ import math
 import time
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,8 @@ from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.systems.checkpoint import save_checkpoint
 from avssl_pyro.systems.system import System
-from avssl_pyro.training.distillation import DistillationConfig, DistillationLoss
+from avssl_pyro.training.config import DistillationConfig, OptimizationConfig
+from avssl_pyro.training.distillation import DistillationLoss
 from avssl_pyro.training.divergence import diverged_gradient, diverged_loss
 from avssl_pyro.training.elbo_terms import ElboTerms, ElboTermsMixin, TraceMeanFieldELBOWithTerms
 from avssl_pyro.training.metrics_logger import MetricsLogger
@@ -37,47 +37,6 @@ from avssl_pyro.training.state import TrainingState
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 _RAISED = f"{InputError.__module__}.{InputError.__name__}: "
-
-
-@dataclass(frozen=True)
-class OptimizationConfig:
-    """How a system is trained.
-
-    Args:
-        epochs: passes over the data.
-        batch_size: clips per process and step.
-        learning_rate: of AdamW, at its highest.
-        weight_decay: of AdamW.
-        warmup_steps: steps over which the learning rate rises from 0.
-        final_learning_rate: learning rate of the last step as a share of the highest; a cosine leads there.
-        gradient_clip: largest norm of the gradient of the loss: the ELBO per time-frequency bin and, if any, targets.
-        seed: of weights, noise and order.
-        num_workers: processes that read ahead, of use to a GPU; 0 reads in the training process, faster on few cores.
-        log_every: steps between log records.
-        checkpoint_minutes: minutes between checkpoints.
-        freeze_visual: leave the visual network as it is and train the rest; for a start from another array's system.
-    """
-
-    epochs: int = 5
-    batch_size: int = 16
-    learning_rate: float = 1e-3
-    weight_decay: float = 1e-2
-    warmup_steps: int = 100
-    final_learning_rate: float = 0.02
-    gradient_clip: float = 1.0
-    seed: int = 0
-    num_workers: int = 0
-    log_every: int = 10
-    checkpoint_minutes: float = 3.0
-    freeze_visual: bool = False
-
-    def __post_init__(self) -> None:
-        for name, least in (("epochs", 1), ("batch_size", 1), ("log_every", 1), ("num_workers", 0), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise InputError(f"OptimizationConfig: {name} is {getattr(self, name)}; it must be at least {least}.")
-        for name in ("learning_rate", "gradient_clip"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"OptimizationConfig: {name} is {getattr(self, name)}; it must be positive.")
 
 
 def train(

@@ -12,7 +12,7 @@ from avssl_pyro.acoustics.measured import MeasuredResponses
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.sofa import read_sofa
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.errors import InputError
 
 ARRAY = PRESETS["circle4"]

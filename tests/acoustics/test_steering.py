@@ -6,7 +6,8 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.acoustics.stft import StftConfig, stft
+from avssl_pyro.acoustics.stft import stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 
 
 def test_shape_and_unit_modulus() -> None:

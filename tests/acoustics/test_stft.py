@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from avssl_pyro.acoustics.stft import StftConfig, istft, loud_frames, stft
+from avssl_pyro.acoustics.stft import istft, loud_frames, stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.errors import InputError
 
 

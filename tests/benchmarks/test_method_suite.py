@@ -6,11 +6,12 @@ import pytest
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.benchmarks.method_suite import MethodSuite, system_band_hz
 from avssl_pyro.evaluation.tables import METHOD_ORDER
-from avssl_pyro.guides.refined import RefinementConfig
-from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
+from avssl_pyro.guides.refinement_config import RefinementConfig
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.systems.system import System, SystemConfig, build_system
 
 
 def small_system(audio_net: bool = True) -> System:

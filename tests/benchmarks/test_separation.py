@@ -17,7 +17,8 @@ from avssl_pyro.separation.beamforming import Masking, WienerFilter
 from avssl_pyro.separation.separator import Separator
 from avssl_pyro.simulation.layout import Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
-from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.systems.system import SystemConfig, build_system
 
 ARRAY = PRESETS["circle4"]
 SIMULATOR = SceneSimulator(SceneConfig(condition=Condition("two", people=(2, 3), talkers=(2,))), seed=3, array=ARRAY)

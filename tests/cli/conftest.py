@@ -9,7 +9,8 @@ import torch
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.command import EXIT_BAD_INPUT, run
 from avssl_pyro.systems.checkpoint import save_checkpoint
-from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.systems.system import SystemConfig, build_system
 
 Refusal = Callable[[Callable[[], int | None]], str]
 

@@ -15,7 +15,8 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.doctor import main
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.systems.checkpoint import save_checkpoint
-from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.systems.system import SystemConfig, build_system
 
 ARRAY = PRESETS["circle4"]
 

@@ -11,7 +11,8 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import benchmark, compare_elbo, demo, evaluate, gallery
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import save_checkpoint
-from avssl_pyro.systems.system import GuideConfig, ModelConfig, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig, ModelConfig
+from avssl_pyro.systems.system import SystemConfig, build_system
 
 FIELDS = {
     "condition",

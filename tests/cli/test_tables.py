@@ -9,12 +9,13 @@ import pytest
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.cli import evaluate, tables
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.tables import METHOD_ORDER
 from avssl_pyro.systems.checkpoint import load_checkpoint, save_checkpoint
-from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.systems.system import System, SystemConfig, build_system
 
 SETS = [f"{condition}-{split}" for condition in ("all-speak", "some-silent") for split in ("validation", "test")]
 CONDITIONS, MICROPHONES = ("all-speak", "some-silent"), (2, 4)

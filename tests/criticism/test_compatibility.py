@@ -19,7 +19,8 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.gaussian_families import LowRank, MeanField
 from avssl_pyro.guides.per_clip import PerClipConfig, PerClipGuide
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.guides.refined import RefinedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.guides.unconstrained_gaussian import log_normal_and_dirichlet
 from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM

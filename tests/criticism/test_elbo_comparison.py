@@ -21,7 +21,8 @@ from torch import Tensor
 from torch.distributions import kl_divergence
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.stft import StftConfig, stft
+from avssl_pyro.acoustics.stft import stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.criticism import closed_form
 from avssl_pyro.criticism.elbo_comparison import (
     Difference,
@@ -32,7 +33,8 @@ from avssl_pyro.criticism.elbo_comparison import (
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
-from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig, ModelConfig
+from avssl_pyro.systems.system import System, SystemConfig, build_system
 from avssl_pyro.training.elbo_terms import TraceELBOWithTerms, TraceMeanFieldELBOWithTerms, has_analytic_kl
 
 CONFIG = SystemConfig(

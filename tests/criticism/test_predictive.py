@@ -12,7 +12,8 @@ from avssl_pyro.criticism.predictive import BeamPower, Coherence, Statistic, pre
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from, log_likelihood, prior_draws, replicate
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.guides.refined import RefinedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM

@@ -10,7 +10,7 @@ from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.clip import Clip
 from avssl_pyro.diagnosis.camera import judge
 from avssl_pyro.diagnosis.finding import Severity

@@ -8,7 +8,8 @@ from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.guides.initializers import UninformedInitializer
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.guides.refined import RefinedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 GRID = DirectionGrid(24)

@@ -18,7 +18,8 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.guides.gaussian_families import GaussianFamily, LowRank, MeanField
 from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.per_clip import PerClipConfig, PerClipGuide, dirichlet_of_moments
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.guides.refined import RefinedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 B, D, K, T = 2, 12, 3, 20

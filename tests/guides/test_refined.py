@@ -17,7 +17,8 @@ from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.conjugacy import model_ascent
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.guides.refined import RefinedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, ProfiledGaussian
 from avssl_pyro.models.priors import (
     CircularWeights,

@@ -5,10 +5,11 @@ import pytest
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.refined import RefinedGuide, RefinementConfig
+from avssl_pyro.guides.refined import RefinedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import (
     AUDIO_ONLY_THRESHOLDS,
@@ -18,7 +19,8 @@ from avssl_pyro.localization.posterior import (
     SourceThresholds,
     select_sources,
 )
-from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig, ModelConfig
+from avssl_pyro.systems.system import System, SystemConfig, build_system
 
 K, D = 3, 36
 CONFIG = SystemConfig(

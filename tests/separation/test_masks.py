@@ -7,7 +7,8 @@ from anechoic import GRID, scene
 
 from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.stft import StftConfig, stft
+from avssl_pyro.acoustics.stft import stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.localization.posterior import LocalizedSource
 from avssl_pyro.separation.masks import fitted_masks, masks_of_sources, posterior_masks

@@ -7,7 +7,8 @@ from anechoic import Scene, scene, unit_vector
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.stft import StftConfig, istft, stft
+from avssl_pyro.acoustics.stft import istft, stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.si_sdr import si_sdr
 from avssl_pyro.separation.beamforming import Extraction, Masking, Mvdr, WienerFilter, delay_and_sum

@@ -12,16 +12,18 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.acoustics.steering_kinds import MeasuredKind
-from avssl_pyro.acoustics.stft import StftConfig, stft
+from avssl_pyro.acoustics.stft import stft
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.batch import collate_clips
 from avssl_pyro.clip import Clip
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.systems.checkpoint import load_checkpoint, save_checkpoint
-from avssl_pyro.systems.system import GuideConfig, ModelConfig, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig, ModelConfig
+from avssl_pyro.systems.system import SystemConfig, build_system
 from avssl_pyro.training.elbo_terms import TraceMeanFieldELBOWithTerms
 
 GRID = DirectionGrid(36)

@@ -13,7 +13,7 @@ from safetensors.torch import save_file
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.stft import StftConfig
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import (
     config_from_dict,
@@ -22,7 +22,8 @@ from avssl_pyro.systems.checkpoint import (
     load_checkpoint,
     save_checkpoint,
 )
-from avssl_pyro.systems.system import GuideConfig, ModelConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig, ModelConfig
+from avssl_pyro.systems.system import System, SystemConfig, build_system
 
 CONFIG = SystemConfig(
     PRESETS["circle2"],

@@ -4,17 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
+from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
 from avssl_pyro.evaluation.matching import gate_then_assign
 from avssl_pyro.evaluation.metrics import evaluate
-from avssl_pyro.guides.refined import RefinementConfig
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import REFINED_THRESHOLDS, select_sources
 from avssl_pyro.simulation.scenes import SceneSimulator
-from avssl_pyro.systems.pretrained import PRETRAINED, load_pretrained
+from avssl_pyro.systems import config
+from avssl_pyro.systems.config import PRETRAINED
+from avssl_pyro.systems.pretrained import load_pretrained
 
 
 @pytest.mark.parametrize("name", PRETRAINED)
@@ -63,3 +67,7 @@ def test_they_find_who_talks_in_scenes_of_material_they_never_saw(name: str, lea
     ]
     scores = evaluate([scene.labels.talker_azimuths for scene in scenes], found, np.deg2rad(10.0), gate_then_assign)
     assert scores.f_measure > least
+
+
+def test_the_least_diffuse_share_is_that_of_the_distribution() -> None:
+    assert LEAST_DIFFUSE[torch.complex64] == config.LEAST_DIFFUSE

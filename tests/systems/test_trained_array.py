@@ -5,7 +5,8 @@ import pytest
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.errors import InputError
-from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.systems.system import System, SystemConfig, build_system
 from avssl_pyro.systems.trained_array import check_array
 
 ARRAY = PRESETS["circle4"]

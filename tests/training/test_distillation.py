@@ -15,7 +15,8 @@ from avssl_pyro.guides.base import GuideParameters
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
 from avssl_pyro.networks.visual import VisualNet
-from avssl_pyro.training.distillation import DistillationConfig, DistillationLoss, log_outcomes
+from avssl_pyro.training.config import DistillationConfig
+from avssl_pyro.training.distillation import DistillationLoss, log_outcomes
 from avssl_pyro.training.elbo_terms import TraceMeanFieldELBOWithTerms
 
 B, D, K, T = 2, 24, 5, 40

@@ -19,12 +19,13 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.systems.system import GuideConfig, System, SystemConfig, build_system
-from avssl_pyro.training.distillation import DistillationConfig
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.systems.system import System, SystemConfig, build_system
+from avssl_pyro.training.config import DistillationConfig, OptimizationConfig
 from avssl_pyro.training.divergence import TrainingDivergedError
 from avssl_pyro.training.elbo_terms import TraceELBOWithTerms
 from avssl_pyro.training.metrics_logger import read_log
-from avssl_pyro.training.svi import CHECKPOINT_NAME, OptimizationConfig, train
+from avssl_pyro.training.svi import CHECKPOINT_NAME, train
 
 SMALL = GuideConfig(visual_channels=(4, 8), audio_channels=8)
 CONFIG = OptimizationConfig(epochs=2, batch_size=2, warmup_steps=2, num_workers=0, log_every=1)
@@ -212,8 +213,10 @@ from lightning_fabric import Fabric
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.systems.checkpoint import save_checkpoint
-from avssl_pyro.systems.system import GuideConfig, SystemConfig, build_system
-from avssl_pyro.training.svi import OptimizationConfig, train
+from avssl_pyro.systems.system import SystemConfig, build_system
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.training.svi import train
+from avssl_pyro.training.config import OptimizationConfig
 
 folder, out, batch_size = Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
 fabric = Fabric(accelerator="cpu", devices=int(sys.argv[4]))
