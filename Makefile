@@ -21,6 +21,7 @@ lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python tests/run_mypy.py
+	$(BIN)/codespell
 
 format: $(STAMP)
 	$(BIN)/ruff check --fix .
@@ -34,7 +35,7 @@ build/notebooks/%.ipynb: notebooks/%.ipynb | $(STAMP)
 
 # Warnings are errors. A second run builds what has changed.
 docs: $(DOCS_STAMP)
-	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs 2 docs build/docs
+	$(BIN)/sphinx-build --quiet --fail-on-warning --jobs 2 -c docs . build/docs
 
 $(DOCS_STAMP): $(STAMP)
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[docs]"
@@ -48,4 +49,4 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $(STAMP)
 
 clean:
-	rm -rf $(VENV) build docs/api docs/notebooks *.egg-info runs cache
+	rm -rf $(VENV) build docs/api *.egg-info runs cache

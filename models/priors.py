@@ -143,7 +143,7 @@ class GammaWeights:
 
 @dataclass(frozen=True)
 class HalfNormalWeights:
-    """w_kd = |v| with v ~ N(0, sigma^2): no direction stands out far, any may be silent."""
+    """``w_kd = |v|`` with v ~ N(0, sigma^2): no direction stands out far, any may be silent."""
 
     sigma: float = 1.0
 

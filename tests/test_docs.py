@@ -8,8 +8,8 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 # Made by the build.
-MADE = (DOCS / "api", DOCS / "notebooks")
-PAGES = [page for page in sorted(DOCS.rglob("*.md")) if not page.is_relative_to(MADE[1])]
+MADE = DOCS / "api"
+PAGES = sorted(DOCS.rglob("*.md"))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
@@ -18,7 +18,7 @@ def test_links_lead_to_files_of_the_repository(page: Path) -> None:
     for link in re.findall(r"\]\((?!https?:|#)([^)#\s]+)", text):
         target = (page.parent / link).resolve()
         assert target.exists(), link
-        assert not any(target.is_relative_to(made) for made in MADE), f"{link} is not in the repository"
+        assert not target.is_relative_to(MADE), f"{link} is not in the repository"
 
 
 def test_equations_of_the_method_have_the_papers_numbers() -> None:
@@ -40,3 +40,18 @@ def test_the_library_cites_equations_of_the_paper() -> None:
         for number in re.findall(r"\d+", match[0])
     }
     assert {1, 4, 10, 15, 16, 18, 19} <= cited <= set(range(1, 20))
+
+
+# Souden, Benesty and Affes 2010; Le Roux et al. 2019; Okabe and Ito (2008); SRP-PHAT (DiBiase 2000).
+WORK = re.compile(r"\b([A-Z][a-z]+[A-Za-z]+)(?:(?:, | and )[A-Z]\w+)*(?: et al\.)? \(?((?:19|20)\d\d)\b(?!-)")
+
+
+def test_every_cited_work_is_in_the_bibliography() -> None:
+    keys = re.findall(r"^@\w+\{(\w+),", (DOCS / "references.bib").read_text(encoding="utf-8"), re.MULTILINE)
+    sources = [path for folder in ("avssl_pyro", "models", "guides") for path in (ROOT / folder).rglob("*.py")]
+    cited = set()
+    for path in (*sources, *PAGES, ROOT / "README.md"):
+        words = re.sub(r"[\s#]+", " ", path.read_text(encoding="utf-8"))
+        cited |= {f"{name.lower()}{year}" for name, year in WORK.findall(words)}
+    assert len(cited) > 15
+    assert not {work for work in cited if not any(key.endswith(work) for key in keys)}

@@ -24,7 +24,7 @@ class Difference:
         name: what.
         reference: its value the other way.
         value: its value by Pyro.
-        relative: |value - reference| / |reference|; for gradients the largest difference over all parameters
+        relative: ``|value - reference| / |reference|``; for gradients the largest difference over all parameters
             relative to the largest gradient.
     """
 

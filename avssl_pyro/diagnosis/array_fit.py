@@ -2,7 +2,7 @@
 
 Every excerpt is a mixture over directions of the model's own likelihood with one template each, plus a diffuse class.
 With H = a a^H + eps I the profiled density (Eqs. 15, 16) has by Sherman and Morrison the closed form
-- M log(|x|^2 - |a^H x|^2 / (|a|^2 + eps)) - log(|a|^2 + eps) + const.
+``- M log(|x|^2 - |a^H x|^2 / (|a|^2 + eps)) - log(|a|^2 + eps) + const``.
 The shares of the directions are fitted by a few rounds of EM. A wrong array puts the frequencies of one sound into
 different directions, and that costs likelihood.
 """

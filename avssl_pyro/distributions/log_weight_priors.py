@@ -96,7 +96,7 @@ class GammaLogWeights(_Independent):
 
 @dataclass(frozen=True)
 class HalfNormalLogWeights(_Independent):
-    """w = |v| with v ~ N(0, sigma^2)."""
+    """``w = |v|`` with v ~ N(0, sigma^2)."""
 
     sigma: float = 1.0
 
