@@ -39,6 +39,7 @@ LAYERS = [
     {"criticism"},
     {"evaluation"},
     {"viz"},
+    {"api"},
     {"benchmarks"},
     {"cli"},
 ]

@@ -89,15 +89,20 @@ PRESETS: dict[str, MicrophoneArray] = {
 }
 
 
-def resolve_array(name_or_path: str) -> MicrophoneArray:
-    """A preset by name, or an array file by path.
+def resolve_array(array: str | Path | MicrophoneArray) -> MicrophoneArray:
+    """The array of a preset's name or an array file's path; an array is returned as it is.
 
     Raises:
-        InputError: it is neither.
+        InputError: there is no such preset or file.
+
+    >>> resolve_array("circle4").num_microphones
+    4
     """
-    if name_or_path in PRESETS:
-        return PRESETS[name_or_path]
-    path = Path(name_or_path)
+    if isinstance(array, MicrophoneArray):
+        return array
+    if str(array) in PRESETS:
+        return PRESETS[str(array)]
+    path = Path(array)
     if path.suffix in {".yaml", ".yml"} or path.exists():
         return MicrophoneArray.load(path)
-    raise InputError(f"array '{name_or_path}' is neither a preset ({', '.join(PRESETS)}) nor a YAML file.")
+    raise InputError(f"array '{array}' is neither a preset ({', '.join(PRESETS)}) nor a YAML file.")

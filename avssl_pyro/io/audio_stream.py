@@ -115,7 +115,7 @@ class AudioFile:
 
 
 def check_samples(
-    audio_nm: npt.NDArray[np.float32], path: Path, first: int = 0, channels: Sequence[int] | None = None
+    audio_nm: npt.NDArray[np.float32], path: Path | str, first: int = 0, channels: Sequence[int] | None = None
 ) -> None:
     """Raises InputError for samples that are not finite or absurdly large.
 
@@ -139,7 +139,7 @@ def check_samples(
         )
 
 
-def check_live(audio_mn: npt.NDArray[np.float32], path: Path, channels: Sequence[int]) -> None:
+def check_live(audio_mn: npt.NDArray[np.float32], path: Path | str, channels: Sequence[int]) -> None:
     """Raises InputError if some channels never change while others do: their microphones or cables are dead.
 
     Args:

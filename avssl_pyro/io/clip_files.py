@@ -29,27 +29,52 @@ def read_audio(path: Path, array: MicrophoneArray) -> npt.NDArray[np.float32]:
         raise InputError(f"{path}: no such audio file.")
     try:
         with soundfile.SoundFile(path) as file:
-            rate, frames = file.samplerate, file.frames
+            rate = file.samplerate
             check_channels(file.channels, array, str(path))
-            if frames > MAX_SECONDS * rate:
-                raise InputError(
-                    f"{path}: {frames / rate:.1f} s long; a clip may last up to {MAX_SECONDS:g} s, so cut out a part "
-                    "during which nobody moves."
-                )
-            audio_nm = file.read(dtype="float32", always_2d=True)[:, list(array.channel_indices)]
+            _check_duration(file.frames, rate, str(path))
+            audio_nm = file.read(dtype="float32", always_2d=True)
     except (soundfile.SoundFileError, RuntimeError) as error:
         raise InputError(f"{path}: cannot be read as audio ({error}); give WAV or FLAC.") from error
-    if len(audio_nm) < MIN_SECONDS * rate:
-        raise InputError(
-            f"{path}: {len(audio_nm)} samples ({1e3 * len(audio_nm) / rate:.0f} ms); a clip needs at least "
-            f"{1e3 * MIN_SECONDS:.0f} ms."
-        )
-    check_samples(audio_nm, path, channels=array.channel_indices)
-    check_live(audio_nm.T, path, array.channel_indices)
+    return fit_audio(audio_nm, rate, array, str(path))
+
+
+def fit_audio(
+    audio_nm: npt.NDArray[np.float32], rate: int, array: MicrophoneArray, where: str
+) -> npt.NDArray[np.float32]:
+    """Samples of the array's microphones in its order, float32 (M, N) at 16 kHz.
+
+    Args:
+        audio_nm: samples of all channels, (N, channels).
+        rate: sample rate in Hz.
+        array: microphones and the channels they are on.
+        where: name of the recording in error messages.
+
+    Raises:
+        InputError: the number of channels is wrong, the clip is too short or too long, samples are not finite, or some
+            channels alone are silent.
+    """
+    check_channels(audio_nm.shape[1], array, where)
+    _check_duration(len(audio_nm), rate, where)
+    audio_nm = audio_nm[:, list(array.channel_indices)]
+    check_samples(audio_nm, where, channels=array.channel_indices)
+    check_live(audio_nm.T, where, array.channel_indices)
     if rate != SAMPLE_RATE:
         divisor = int(np.gcd(rate, SAMPLE_RATE))
         audio_nm = resample_poly(audio_nm, SAMPLE_RATE // divisor, rate // divisor, axis=0)
     return np.ascontiguousarray(audio_nm.T, dtype=np.float32)
+
+
+def _check_duration(frames: int, rate: int, where: str) -> None:
+    if frames > MAX_SECONDS * rate:
+        raise InputError(
+            f"{where}: {frames / rate:.1f} s long; a clip may last up to {MAX_SECONDS:g} s, so cut out a part "
+            "during which nobody moves."
+        )
+    if frames < MIN_SECONDS * rate:
+        raise InputError(
+            f"{where}: {frames} samples ({1e3 * frames / rate:.0f} ms); a clip needs at least "
+            f"{1e3 * MIN_SECONDS:.0f} ms."
+        )
 
 
 def check_channels(found: int, array: MicrophoneArray, where: str) -> None:
@@ -84,9 +109,18 @@ def read_image(path: Path) -> npt.NDArray[np.uint8]:
     image_ijc = cv2.imdecode(content, cv2.IMREAD_COLOR_RGB) if content.size else None
     if image_ijc is None:
         raise InputError(f"{path}: cannot be read as an image; give JPEG or PNG.")
-    fitted_ijc = fit_image(image_ijc.astype(np.uint8), str(path))
+    return fit_panorama(image_ijc.astype(np.uint8), str(path))
+
+
+def fit_panorama(image_ijc: npt.NDArray[np.uint8], where: str) -> npt.NDArray[np.uint8]:
+    """An image as :func:`fit_image` returns it, after a check that it is no fisheye's.
+
+    Raises:
+        InputError: the image has other proportions, or is of a fisheye lens.
+    """
+    fitted_ijc = fit_image(image_ijc, where)
     if is_full_sphere(image_ijc):
-        check_equirectangular(image_ijc.astype(np.uint8), str(path))
+        check_equirectangular(image_ijc, where)
     return fitted_ijc
 
 

@@ -10,6 +10,7 @@ from typing import cast
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
@@ -118,6 +119,14 @@ def draw_circles(circles: Mapping[str, Circle], columns: int = 4) -> Figure:
         ax.set_ylim(0, RIM)
         ax.set_yticks([])
     return figure
+
+
+def figure_pixels(figure: Figure, dpi: float) -> npt.NDArray[np.uint8]:
+    """The pixels of a figure at a number of dots per inch, RGB, (H, W, 3)."""
+    figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.ascontiguousarray(np.asarray(canvas.buffer_rgba(), dtype=np.uint8)[..., :3])
 
 
 def draw_patterns(

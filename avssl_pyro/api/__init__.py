@@ -1,0 +1,1 @@
+"""The front door: load a model, localize clips, simulate scenes, train."""

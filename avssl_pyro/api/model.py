@@ -1,0 +1,268 @@
+"""Models that localize clips, and their results."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.clip import SAMPLE_RATE, Clip
+from avssl_pyro.errors import InputError
+from avssl_pyro.guides.refinement_config import RefinementConfig
+from avssl_pyro.io.clip_files import fit_audio, fit_panorama, read_audio, read_image
+from avssl_pyro.io.png import save_png
+from avssl_pyro.io.separated_sound import write_separated
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource, SourceThresholds
+from avssl_pyro.localization.results import Localization
+from avssl_pyro.separation.separator import Separator
+from avssl_pyro.systems.checkpoint import load_checkpoint
+from avssl_pyro.systems.pretrained import load_pretrained
+from avssl_pyro.systems.system import System
+from avssl_pyro.systems.trained_array import check_array
+from avssl_pyro.viz.overlay import draw_overlay
+from avssl_pyro.viz.polar import Circle, draw_circles, figure_pixels
+
+PRETRAINED_NAME = "shipped"
+PLOT_DPI = 240
+
+
+def load(
+    source: str | Path | MicrophoneArray,
+    *,
+    array: str | Path | MicrophoneArray | None = None,
+    device: str | torch.device = "cpu",
+    rounds: int = RefinementConfig.rounds,
+    thresholds: SourceThresholds | None = None,
+) -> "Model":
+    """Loads a model: pretrained weights for an array, or a checkpoint of training.
+
+    Args:
+        source: name of an array preset, path of an array's YAML file, an array, or path of a checkpoint (.safetensors).
+        array: array that recorded, by preset, file or object, where a checkpoint's own has other channels.
+        device: torch device of the computation.
+        rounds: most rounds of refinement per clip; 0 leaves the networks' posterior, faster and less accurate.
+        thresholds: conditions under which a class counts as a source; the defaults depend on ``rounds``.
+
+    Raises:
+        InputError: nothing has that name, a file cannot be read, or the checkpoint was trained for another array.
+
+    >>> load("circle4")
+    Model(array='circle4', weights='shipped')
+    >>> load("circle7")
+    Traceback (most recent call last):
+    ...
+    avssl_pyro.errors.InputError: array 'circle7' is neither a preset (circle2, ...) nor a YAML file.
+    """
+    if rounds < 0:
+        raise InputError(f"load: rounds is {rounds}; give a number of rounds of refinement, or 0 for none.")
+    refinement = RefinementConfig(rounds=rounds) if rounds else None
+    if isinstance(source, MicrophoneArray) or Path(source).suffix != ".safetensors":
+        if array is not None:
+            raise InputError(f"load: {source} names an array already; leave out 'array', which goes with a checkpoint.")
+        served = resolve_array(source)
+        return Model(load_pretrained(served).system, served, PRETRAINED_NAME, device, refinement, thresholds)
+    system = load_checkpoint(Path(source))
+    served = system.config.array if array is None else resolve_array(array)
+    check_array(system, served, str(source))
+    return Model(system, served, str(source), device, refinement, thresholds)
+
+
+class Model:
+    """A system ready to localize the recordings of one array; :func:`load` returns it.
+
+    Args:
+        system: model and guide.
+        array: microphones that recorded, with the channels they are on.
+        weights: path of the checkpoint, or "shipped".
+        device: torch device of the computation.
+        refinement: settings of the refinement of every clip's posterior; None for one forward pass.
+        thresholds: conditions under which a class counts as a source.
+
+    Raises:
+        InputError: the device is not available.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        array: MicrophoneArray,
+        weights: str,
+        device: str | torch.device = "cpu",
+        refinement: RefinementConfig | None = None,
+        thresholds: SourceThresholds | None = None,
+    ) -> None:
+        self.system = system
+        self.array = array
+        self.weights = weights
+        self.localizer = Localizer(system, device, refinement=refinement, thresholds=thresholds)
+        self._refinement = refinement
+        self._thresholds = thresholds
+
+    def __repr__(self) -> str:
+        return f"Model(array='{self.array.name}', weights='{self.weights}')"
+
+    @cached_property
+    def audio_only_localizer(self) -> Localizer:
+        """The localizer of clips without an image.
+
+        Raises:
+            InputError: the model was loaded without rounds of refinement.
+        """
+        if self._refinement is None:
+            raise InputError(
+                "without an image the posterior comes from refinement alone; load the model with rounds above 0."
+            )
+        return Localizer(
+            self.system,
+            self.localizer.device,
+            refinement=self._refinement,
+            audio_only=True,
+            thresholds=self._thresholds,
+        )
+
+    @cached_property
+    def separator(self) -> Separator:
+        """The separator of this model's clips."""
+        return Separator(self.system.config)
+
+    def localize(
+        self,
+        audio: str | Path | npt.ArrayLike,
+        image: str | Path | npt.ArrayLike | None = None,
+        *,
+        sample_rate: int | None = None,
+    ) -> "Result":
+        """Estimates the sources of one clip.
+
+        Args:
+            audio: WAV or FLAC file of any rate, or floats in [-1, 1], (M, N), one row per channel.
+            image: equirectangular image file, or uint8 RGB (H, W, 3), twice as wide as high or 88 x 288. Without it
+                the sources are estimated from the audio alone.
+            sample_rate: sample rate of an audio array in Hz; by default 16000.
+
+        Raises:
+            InputError: a file cannot be read, or an array has another shape or type.
+
+        >>> result = load("circle4").localize(np.zeros((4, 16_000)))
+        >>> result.sources
+        ()
+        """
+        context = {}
+        if isinstance(audio, str | Path):
+            if sample_rate is not None:
+                raise InputError(f"{audio}: a file has its own sample rate; leave out 'sample_rate'.")
+            audio_mn, key = read_audio(Path(audio), self.array), Path(audio).stem
+            context["audio"] = str(audio)
+        else:
+            rate = SAMPLE_RATE if sample_rate is None else sample_rate
+            audio_mn, key = _audio_array(np.asarray(audio), rate, self.array), "clip"
+        if image is None:
+            clip = Clip.without_picture(key, audio_mn)
+        elif isinstance(image, str | Path):
+            clip = Clip(key, audio_mn, read_image(Path(image)))
+            context["image"] = str(image)
+        else:
+            clip = Clip(key, audio_mn, _image_array(np.asarray(image)))
+        localizer = self.audio_only_localizer if image is None else self.localizer
+        (localization,) = localizer.localize([clip])
+        return Result(self, clip, localization, image is not None, context)
+
+
+@dataclass(frozen=True)
+class Result:
+    """The sources of one clip, with the posterior behind them.
+
+    Args:
+        model: model that estimated them.
+        clip: audio and image, as the model takes them.
+        localization: posterior and sources.
+        has_image: whether an image was given.
+        context: names of the files.
+    """
+
+    model: Model
+    clip: Clip
+    localization: Localization
+    has_image: bool
+    context: dict[str, Any]
+
+    @property
+    def sources(self) -> tuple[LocalizedSource, ...]:
+        """The sources, loudest first."""
+        return self.localization.sources
+
+    @property
+    def posterior(self) -> ClipPosterior:
+        """Posterior means and spreads of directions and levels."""
+        return self.localization.posterior
+
+    def to_dict(self, separated: Sequence[Path] | None = None) -> dict[str, Any]:
+        """JSON values of the result, ``avssl-result/1``.
+
+        Args:
+            separated: files with the sound of each source, as :meth:`save_sounds` returns them.
+        """
+        model = self.model
+        context = {**self.context, "array": model.array.to_dict(), "checkpoint": model.weights}
+        return self.localization.to_dict(separated, **context)
+
+    def plot(self, path: str | Path | None = None) -> npt.NDArray[np.uint8]:
+        """Draws the sources over the image, or on a circle where there is none.
+
+        Args:
+            path: PNG file to write.
+
+        Returns:
+            The drawing, RGB, (H, W, 3).
+
+        Raises:
+            InputError: the file's name does not end in .png.
+        """
+        if path is not None and Path(path).suffix.lower() != ".png":
+            raise InputError(f"{path}: pictures are written as PNG; give a name that ends in .png.")
+        posterior, sources = self.posterior, self.sources
+        if self.has_image:
+            drawing_ijc = draw_overlay(self.clip.image_ijc, posterior, sources, self.localization.grid)
+        else:
+            drawing_ijc = figure_pixels(draw_circles({self.clip.key: Circle.of(posterior, sources)}), dpi=PLOT_DPI)
+        if path is not None:
+            save_png(Path(path), drawing_ijc)
+        return drawing_ijc
+
+    def separate(self) -> npt.NDArray[np.float32]:
+        """The sound of every source at the first microphone, (S, N), 16 kHz, in the order of the sources."""
+        return self.model.separator.separate(self.clip.audio_mn, self.posterior, self.sources)
+
+    def save_sounds(self, folder: str | Path) -> list[Path]:
+        """Writes the sound of every source as a 16 kHz WAV file, and returns the paths."""
+        azimuths = [source.azimuth for source in self.sources]
+        return write_separated(Path(folder), self.clip.key, azimuths, self.separate())
+
+
+def _audio_array(audio: npt.NDArray[Any], rate: int, array: MicrophoneArray) -> npt.NDArray[np.float32]:
+    if audio.ndim != 2:
+        raise InputError(f"audio: its shape is {audio.shape}; give (M, N), one row of samples per channel.")
+    if not np.issubdtype(audio.dtype, np.floating):
+        raise InputError(f"audio: its type is {audio.dtype}; give floats from -1 to 1, such as 16-bit samples / 32768.")
+    if not rate > 0 or rate != int(rate):
+        raise InputError(f"audio: sample_rate is {rate}; give a positive whole number of Hz.")
+    if audio.shape[0] > audio.shape[1]:
+        raise InputError(
+            f"audio: its shape is {audio.shape}; give (M, N), one row of samples per channel (its transpose)."
+        )
+    return fit_audio(audio.T.astype(np.float32), int(rate), array, "audio")
+
+
+def _image_array(image: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    if image.ndim != 3 or image.shape[-1] != 3:
+        raise InputError(f"image: its shape is {image.shape}; give RGB, (H, W, 3).")
+    if image.dtype != np.uint8:
+        raise InputError(f"image: its type is {image.dtype}; give uint8 from 0 to 255.")
+    return fit_panorama(np.ascontiguousarray(image), "image")
