@@ -65,8 +65,8 @@ def replicate(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: Posteri
     """One spectrogram like ``x_fmt`` from every draw, (S, F, M, T), as the model would make it.
 
     Where the power spectral density is profiled out it is set to 1: the profiled density is, up to a constant, that of
-    the direction ``x / |x|`` alone (a complex angular central Gaussian), which no power spectral density changes so long
-    as it is the same for all classes. What is told of such spectrograms must not depend on their power.
+    the direction ``x / |x|`` alone (a complex angular central Gaussian), which no power spectral density changes so
+    long as it is the same for all classes. What is told of such spectrograms must not depend on their power.
     """
     mixture = _likelihood(model, x_fmt, image_cij, draws)["fn"]
     if isinstance(mixture, SpatialMixture) and not mixture.can_be_sampled:

@@ -81,6 +81,15 @@ def layer(name: str) -> int:
     return index
 
 
+def test_the_layer_plan_of_the_documentation_is_this_one() -> None:
+    """docs/architecture.md draws the layers from the top down, one line each."""
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    plan = text.split("```text\n")[1].split("```")[0]
+    # A package is a name before the bar; what it holds stands behind.
+    drawn = [set(line.split("|")[0].split()) for line in plan.splitlines() if "|" in line]
+    assert drawn == LAYERS[::-1]
+
+
 def may_import(importer: str, target: str) -> bool:
     package, other = importer.split(".", maxsplit=1)[0], target.split(".", maxsplit=1)[0]
     if package == other:
