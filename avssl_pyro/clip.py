@@ -20,6 +20,9 @@ class Clip:
         key: name of the clip, unique in its data set.
         audio_mn: float32 in [-1, 1], (M, N), 16 kHz.
         image_ijc: uint8 RGB, (88, 288, 3), equirectangular, centre column straight ahead, left edge at +180 degrees.
+
+    >>> Clip.without_picture("silence", np.zeros((4, 16_000), np.float32)).image_ijc.shape
+    (88, 288, 3)
     """
 
     key: str

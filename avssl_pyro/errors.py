@@ -5,4 +5,11 @@ class InputError(ValueError):
     """Bad input, told in one sentence: what was wrong, where, and what would be right.
 
     Commands print the message and exit with code 2; library users may catch it as a :class:`ValueError`.
+
+    >>> from avssl_pyro.acoustics.presets import resolve_array
+    >>> try:
+    ...     resolve_array("circle7")
+    ... except InputError as error:
+    ...     print(error)
+    array 'circle7' is neither a preset (circle2, ...) nor a YAML file.
     """

@@ -23,6 +23,15 @@ class AmortizedGuide(DirectionGuide):
         audio: maps a spectrogram and normalised weights to levels pi_bar_bk.
         initial_sigma, diffuse_class: as of :class:`DirectionGuide`.
         initial_beta: beta before training.
+
+    >>> from avssl_pyro.acoustics.grid import DirectionGrid
+    >>> from avssl_pyro.acoustics.presets import PRESETS
+    >>> from avssl_pyro.acoustics.stft_config import StftConfig
+    >>> steering_fdm = PRESETS["circle4"].steering_vectors(DirectionGrid(72), StftConfig().frequencies)
+    >>> guide = AmortizedGuide(VisualNet(num_sources=4), AudioNet(steering_fdm.to(torch.complex64)))
+    >>> x_bfmt = torch.ones(1, 257, 4, 10, dtype=torch.complex64)
+    >>> guide.parameters_of(x_bfmt, torch.zeros(1, 3, 88, 288)).mu_bkd.shape
+    torch.Size([1, 4, 72])
     """
 
     def __init__(

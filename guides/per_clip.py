@@ -104,6 +104,11 @@ class PerClipGuide(nn.Module):
 
     Raises:
         InputError: the model's masks are explicit.
+
+    >>> from avssl_pyro.systems.pretrained import load_weights_of
+    >>> system = load_weights_of("circle4")
+    >>> PerClipGuide(system.guide, system.model, MeanField()).fits_each_clip
+    True
     """
 
     fits_each_clip = True

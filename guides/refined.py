@@ -36,6 +36,11 @@ class RefinedGuide(PyroModule):
     Raises:
         InputError: a prior or the likelihood of the model does not say how the ascent can take it in, or start and
             model do not go together.
+
+    >>> from avssl_pyro.systems.pretrained import load_weights_of
+    >>> system = load_weights_of("circle4")
+    >>> RefinedGuide(system.guide, system.model, RefinementConfig(rounds=10)).num_sources
+    9
     """
 
     fits_each_clip = True

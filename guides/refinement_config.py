@@ -18,6 +18,9 @@ class RefinementConfig:
             decides where the climb starts in any case; with a weight it also holds it back.
         extra_classes: source classes added to those of the networks; they start looking everywhere alike.
         bin_step, frame_step: every how many frequencies and frames are used; neighbours tell nearly the same.
+
+    >>> RefinementConfig(rounds=120).rounds
+    120
     """
 
     rounds: int = 30

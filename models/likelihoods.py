@@ -38,7 +38,12 @@ class Likelihood(Protocol):
 
 @dataclass(frozen=True)
 class ProfiledGaussian:
-    """The paper's: power spectral densities at their maximum-likelihood values (Eqs. 15, 16)."""
+    """The paper's: power spectral densities at their maximum-likelihood values (Eqs. 15, 16).
+
+    >>> from avssl_pyro.systems.pretrained import load_weights_of
+    >>> load_weights_of("circle4").model_with(likelihood=ProfiledGaussian()).likelihood
+    ProfiledGaussian()
+    """
 
     def __call__(
         self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float

@@ -64,7 +64,11 @@ class SymmetricDirichlet:
 
 @dataclass(frozen=True)
 class SparseDirichlet(SymmetricDirichlet):
-    """pi ~ Dir(alpha, ..., alpha); alpha < 1 shrinks source classes that are not needed (Sec. III-C)."""
+    """pi ~ Dir(alpha, ..., alpha); alpha < 1 shrinks source classes that are not needed (Sec. III-C).
+
+    >>> SparseDirichlet(0.01)(num_sources=4, like=torch.zeros(())).event_shape
+    torch.Size([4])
+    """
 
     alpha: float = 0.01
 
@@ -107,7 +111,11 @@ class LogisticNormal:
 
 @dataclass(frozen=True)
 class LogNormalWeights:
-    """w_kd ~ LogNormal(0, sigma^2), which keeps weights from taking exceedingly large values (Eq. 11)."""
+    """w_kd ~ LogNormal(0, sigma^2), which keeps weights from taking exceedingly large values (Eq. 11).
+
+    >>> LogNormalWeights(1.0)(num_sources=4, num_directions=72, like=torch.zeros(())).event_shape
+    torch.Size([4, 72])
+    """
 
     sigma: float = 1.0
 

@@ -38,6 +38,17 @@ class SpatialCGMM(PyroModule):
 
     Raises:
         InputError: a number is out of its range, or a prior is of another shape than the model's.
+
+    >>> import pyro
+    >>> from avssl_pyro.acoustics.grid import DirectionGrid
+    >>> from avssl_pyro.acoustics.presets import PRESETS
+    >>> from avssl_pyro.acoustics.stft_config import StftConfig
+    >>> steering_fdm = PRESETS["circle4"].steering_vectors(DirectionGrid(8), StftConfig().frequencies)
+    >>> model = SpatialCGMM(steering_fdm, num_sources=3, level_prior=SparseDirichlet(0.1))
+    >>> x_bfmt = torch.ones(1, 257, 4, 10, dtype=torch.complex128)
+    >>> sites = pyro.poutine.trace(model).get_trace(x_bfmt, torch.zeros(1, 3, 88, 288)).nodes
+    >>> sites["direction_weights"]["value"].shape, sites["mixing_levels"]["value"].shape
+    (torch.Size([1, 3, 8]), torch.Size([1, 3]))
     """
 
     def __init__(

@@ -42,6 +42,10 @@ class MicrophoneArray:
         InputError: for fewer than two microphones, non-finite positions, two microphones in one place, an array
             wider than 5 m, positions that do not go with the kind of steering, or channels that are not M different
             positive numbers; the message names the microphone, counted from 1.
+
+    >>> corners = ((0.05, 0.05, 0.0), (-0.05, 0.05, 0.0), (-0.05, -0.05, 0.0), (0.05, -0.05, 0.0))
+    >>> MicrophoneArray("square", corners).num_microphones
+    4
     """
 
     name: str

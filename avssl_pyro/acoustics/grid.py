@@ -18,6 +18,9 @@ class DirectionGrid:
 
     Direction d has azimuth ``180 - 360 (d + 0.5) / D`` degrees, counter-clockwise from straight ahead, so the left edge
     of the image is +180 and the left quarter +90.
+
+    >>> np.rad2deg(DirectionGrid(4).azimuths).round().tolist()
+    [135.0, 45.0, -45.0, -135.0]
     """
 
     num_directions: int = 72

@@ -19,6 +19,11 @@ class StftConfig:
         sample_rate: Hz.
         low_hz, high_hz: bins below and above are left out, and the model explains nothing of them.
         bin_step: every how many of the others are kept.
+
+    >>> StftConfig().frequencies.shape
+    (257,)
+    >>> StftConfig(low_hz=200.0, high_hz=4000.0, bin_step=2).frequencies.shape
+    (61,)
     """
 
     window: int = 512

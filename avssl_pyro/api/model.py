@@ -87,6 +87,9 @@ class Model:
 
     Raises:
         InputError: the device is not available.
+
+    >>> load("circle4").localize(np.zeros((4, 16_000)), np.zeros((88, 288, 3), np.uint8)).sources
+    ()
     """
 
     def __init__(
@@ -185,6 +188,14 @@ class Result:
         localization: posterior and sources.
         has_image: whether an image was given.
         context: names of the files.
+
+    >>> result = load("circle4").localize(np.zeros((4, 16_000)), np.zeros((88, 288, 3), np.uint8))
+    >>> result.plot().shape
+    (386, 1152, 3)
+    >>> result.to_dict()["format"]
+    'avssl-result/1'
+    >>> result.separate().shape
+    (0, 16000)
     """
 
     model: Model

@@ -49,6 +49,12 @@ def simulate(
 
     Raises:
         InputError: a number is out of range, assets are missing, or the folder holds other scenes.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     scenes = simulate(folder, 1, array="circle4", workers=1)
+    ...     scenes[0].audio_mn.shape
+    (4, 16000)
     """
     if condition not in CONDITIONS:
         raise InputError(f"simulate: condition is '{condition}'; give one of {', '.join(CONDITIONS)}.")

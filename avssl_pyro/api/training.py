@@ -34,6 +34,8 @@ def train(
     Raises:
         InputError: a setting or a file cannot be used, or the folder holds a run with other settings.
         TrainingDivergedError: the loss is no longer finite.
+
+    >>> model = train("adapt", data="clips", array="circle4", out="runs/robot")  # doctest: +SKIP
     """
     if preset not in PRESETS:
         raise InputError(f"train: preset is '{preset}'; give one of {', '.join(PRESETS)}.")

@@ -22,6 +22,10 @@ class ClipPosterior:
         level_std_k: their posterior standard deviations, (K,).
         azimuth_std_k: posterior standard deviation of every class's peak direction, (K,), radians.
         activations_kij: 2-D activation maps over the image, (K, I', J'), or None without an image.
+
+    >>> weights_kd = np.full((2, 72), 1 / 72)
+    >>> ClipPosterior(weights_kd, np.array([0.6, 0.4]), np.full(2, 0.01), np.full(2, 0.02)).mixing_levels_k.sum()
+    np.float64(1.0)
     """
 
     direction_weights_kd: npt.NDArray[np.float64]
@@ -39,6 +43,9 @@ class SourceThresholds:
         level: least mixing level. The paper has 0.02; more classes and refined posteriors need more.
         peak: least weight of the strongest direction; classes below it are diffuse noise.
         merge_deg: angle in degrees; classes closer than this are one source.
+
+    >>> SourceThresholds(level=0.1)
+    SourceThresholds(level=0.1, peak=0.15, merge_deg=12.0)
     """
 
     level: float = 0.05

@@ -68,6 +68,12 @@ class Separator:
 
     Raises:
         InputError: the reference microphone is not one of the array's.
+
+    >>> from avssl_pyro.api.model import load
+    >>> result = load("circle4").localize(np.zeros((4, 16_000)))
+    >>> separator = Separator(result.model.system.config)
+    >>> separator.separate(result.clip.audio_mn, result.posterior, result.sources).shape
+    (0, 16000)
     """
 
     def __init__(self, system: SystemConfig, config: SeparationConfig | None = None) -> None:

@@ -23,7 +23,12 @@ from avssl_pyro.systems.config import GuideConfig, ModelConfig
 
 @dataclass(frozen=True)
 class SystemConfig:
-    """All that is needed to rebuild a system before its weights are loaded."""
+    """All that is needed to rebuild a system before its weights are loaded.
+
+    >>> from avssl_pyro.acoustics.presets import PRESETS
+    >>> SystemConfig(PRESETS["circle4"]).steering().shape
+    torch.Size([257, 72, 4])
+    """
 
     array: MicrophoneArray
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -49,7 +54,12 @@ class SystemConfig:
 
 @dataclass(frozen=True)
 class System:
-    """A model and a guide that belong together."""
+    """A model and a guide that belong together.
+
+    >>> from avssl_pyro.acoustics.presets import PRESETS
+    >>> build_system(SystemConfig(PRESETS["circle4"])).model.num_sources
+    4
+    """
 
     config: SystemConfig
     model: SpatialCGMM

@@ -46,6 +46,11 @@ class Timeline:
         moments: what was found.
         hop_s: time from one moment to the next, where none is missing.
         reach_s: how long before and after a moment without a neighbour its sources are still shown; half a window.
+
+    >>> ahead, left = (IdentifiedSource(1, azimuth, azimuth_std=0.02, level=0.4) for azimuth in (0.0, 0.2))
+    >>> frames = (TimelineFrame(1.0, (ahead,)), TimelineFrame(2.0, (left,)))
+    >>> round(Timeline(frames, hop_s=1.0, reach_s=0.5).at(1.5)[0].azimuth, 3)
+    0.1
     """
 
     moments: tuple[TimelineFrame, ...]

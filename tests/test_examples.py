@@ -1,0 +1,39 @@
+"""The examples in the docstrings of the public names run as they stand."""
+
+import doctest
+import importlib
+from pathlib import Path
+
+import pytest
+
+import avssl_pyro as av
+from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.localization.posterior import select_sources
+
+OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+OBJECTS = {name: getattr(av, name) for name in av.__all__} | {
+    "resolve_array": resolve_array,
+    "select_sources": select_sources,
+    "Model.localize": av.Model.localize,
+}
+
+
+def run_examples(tests: list[doctest.DocTest]) -> int:
+    """The number of examples that were run; those that fail raise."""
+    runner = doctest.DebugRunner(optionflags=OPTIONS)
+    for test in tests:
+        runner.run(test)
+    return sum(len(test.examples) for test in tests)
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_a_public_name_has_an_example_that_works(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = OBJECTS[name]
+    module = importlib.import_module(found.__module__)
+    tests = doctest.DocTestFinder(recurse=False).find(found, name, module, vars(module).copy())
+    assert run_examples(tests), f"{name} has no example"
+
+
+def test_the_package_itself_has_an_example() -> None:
+    assert run_examples(doctest.DocTestFinder(recurse=False).find(av, "avssl_pyro", globs={}))
