@@ -1,15 +1,16 @@
-"""Closed-form ascent of a model's own posterior: its priors and likelihood say themselves how they enter.
+"""MAP-EM of a model's posterior, assembled from the priors and the likelihood of the model.
 
-Whichever of them has the method asked for (``pseudo_counts``, ``of_log_weights``, ``tail``) can be swapped. For others
-there are guides fitted by gradients, see :mod:`avssl_pyro.guides.per_clip`.
+Any prior or likelihood with the method needed here (``pseudo_counts``, ``of_log_weights``, ``density_generator``) can
+be swapped in. For others there are guides fitted by gradients, see :mod:`avssl_pyro.guides.per_clip`.
 """
 
 from typing import Protocol, runtime_checkable
 
 from torch import Tensor
 
+from avssl_pyro.distributions.e_step import DensityGenerator
 from avssl_pyro.distributions.log_weight_priors import LogWeightPrior
-from avssl_pyro.distributions.map_em import DensityGenerator, MapEM
+from avssl_pyro.distributions.map_em import MapEM
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
@@ -20,7 +21,7 @@ class CountedLevels(Protocol):
     """A level prior that adds counts to those of the clip: a Dirichlet distribution."""
 
     def pseudo_counts(self, num_sources: int, like: Tensor) -> Tensor:
-        """Counts of every class, (K,)."""
+        """Counts of every class before any observation, (K,)."""
         ...
 
 
@@ -35,32 +36,32 @@ class SmoothWeights(Protocol):
 
 @runtime_checkable
 class HasDensityGenerator(Protocol):
-    """A likelihood that is a power of x^H H^-1 x plus an offset."""
+    """A likelihood whose density is a power of x^H H^-1 x plus an offset."""
 
-    def tail(self, observed: ObservedSpectrogram) -> DensityGenerator:
+    def density_generator(self, observed: ObservedSpectrogram) -> DensityGenerator:
         """Power and offset."""
         ...
 
 
-def check_ascent(model: SpatialCGMM) -> None:
-    """Refuses a model whose posterior cannot be climbed in closed form.
+def check_map_em(model: SpatialCGMM) -> None:
+    """Refuses a model whose posterior MAP-EM cannot maximise.
 
     Raises:
-        InputError: names the part of the model that does not say how.
+        InputError: a prior or the likelihood lacks the method that MAP-EM needs.
     """
     for role, part, protocol, method in (
         ("level prior", model.level_prior, CountedLevels, "pseudo_counts"),
         ("direction prior", model.direction_prior, SmoothWeights, "of_log_weights"),
-        ("likelihood", model.likelihood, HasDensityGenerator, "tail"),
+        ("likelihood", model.likelihood, HasDensityGenerator, "density_generator"),
     ):
         if not isinstance(part, protocol):
             raise InputError(
-                f"the {role} {part} has no '{method}', so closed-form ascent cannot take it in; add that method or use "
-                "a PerClipGuide, which needs gradients alone."
+                f"the {role} {part} has no '{method}', which closed-form refinement needs; add that method or use a "
+                "PerClipGuide, which needs gradients alone."
             )
 
 
-def model_ascent(
+def map_em_of(
     model: SpatialCGMM,
     x_bfmt: Tensor,
     like_bkd: Tensor,
@@ -69,14 +70,14 @@ def model_ascent(
     frame_step: int = 1,
     prior_mean: Tensor | float = 0.0,
 ) -> MapEM:
-    """The ascent of p(w, pi | x) for a batch of clips.
+    """MAP-EM of p(w, pi | x) for a batch of clips.
 
     Args:
-        model: passed :func:`check_ascent`.
-        x_bfmt: the clips, complex (B, F, M, T).
-        like_bkd: dtype, device and shape of the log-weights.
-        bin_step, frame_step: every how many frequencies and frames are used; they stand for the others.
-        prior_mean: of log w, as of :class:`MapEM`.
+        model: model that passed :func:`check_map_em`.
+        x_bfmt: spectrograms, complex (B, F, M, T).
+        like_bkd: tensor with dtype, device and shape of the log-weights.
+        bin_step, frame_step: strides over frequencies and frames; those used stand for the others.
+        prior_mean: mean of log w, as of :class:`MapEM`.
     """
     levels, directions, likelihood = model.level_prior, model.direction_prior, model.likelihood
     assert isinstance(levels, CountedLevels)
@@ -89,7 +90,7 @@ def model_ascent(
         observed,
         model.template_dfmm[:, ::bin_step],
         model.diffuse,
-        likelihood.tail(observed),
+        likelihood.density_generator(observed),
         directions.of_log_weights(num_directions, like_bkd),
         levels.pseudo_counts(num_sources, like_bkd),
         weight=model.bin_weight * x_bfmt.shape[1] * x_bfmt.shape[-1] / (f * t),

@@ -12,17 +12,13 @@ import torch.nn.functional as F
 from pyro.nn import PyroModule
 from torch import Tensor
 
-from avssl_pyro.distributions.map_em import MapEM, MapEMState
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.base import GuideParameters, Initializer
-from avssl_pyro.guides.conjugacy import check_ascent, model_ascent
+from avssl_pyro.guides.conjugacy import check_map_em, map_em_of
 from avssl_pyro.guides.fixed import FixedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
-
-# Twice the closed-form step, until it overshoots for the first time.
-OVERRELAXATION = 2.0
 
 
 class RefinedGuide(PyroModule):
@@ -64,7 +60,7 @@ class RefinedGuide(PyroModule):
                 f"RefinedGuide: the start has {found} source classes, those added included, and the model "
                 f"{model.num_sources}; give both the same."
             )
-        check_ascent(model)
+        check_map_em(model)
         self.start = start
         self.model = model
         self.num_sources = model.num_sources
@@ -84,20 +80,7 @@ class RefinedGuide(PyroModule):
         mu_bkd, activation_bkij = self.start.log_weights(image_bcij)
         mu_bkd = F.pad(mu_bkd, (0, 0, 0, config.extra_classes))
         activation_bkij = F.pad(activation_bkij, (0, 0, 0, 0, 0, config.extra_classes))
-        equal_bk = mu_bkd.new_full(mu_bkd.shape[:-1], 1 / mu_bkd.shape[-2])
-        ascent = self._ascent(x_bfmt, mu_bkd)
-        point = self._climb(ascent, config.softening * mu_bkd, equal_bk)
-        sigma_bkd, concentration_bk = ascent.uncertainty(point)
-        return GuideParameters(
-            mu_bkd=point.log_w_bkd,
-            sigma_bkd=sigma_bkd,
-            concentration_bk=concentration_bk.clamp_min(LEAST_CONCENTRATION),
-            activation_bkij=activation_bkij + _over_columns(point.log_w_bkd - mu_bkd, activation_bkij),
-        )
-
-    def _ascent(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MapEM:
-        config = self.config
-        return model_ascent(
+        map_em = map_em_of(
             self.model,
             x_bfmt,
             mu_bkd,
@@ -105,25 +88,14 @@ class RefinedGuide(PyroModule):
             frame_step=config.frame_step,
             prior_mean=config.image_weight * mu_bkd,
         )
-
-    def _climb(self, ascent: MapEM, log_w_bkd: Tensor, pi_bk: Tensor) -> MapEMState:
-        point = ascent.step(log_w_bkd, pi_bk)
-        climbing_b = torch.ones_like(point.objective_b, dtype=torch.bool)
-        stretch_b = torch.full_like(point.objective_b, OVERRELAXATION)
-        # What a step has gained is known at the next one, when another has been stretched already.
-        stretched_b = torch.zeros_like(climbing_b)
-        for _ in range(self.config.rounds - 1):
-            above = ascent.step(point.log_w_bkd, point.pi_bk, stretch_b)
-            gain_b = (above.objective_b - point.objective_b) / point.counts_bk.sum(-1)
-            # A clip that has arrived stays there, so that its result does not depend on its batch.
-            point = point.choose(climbing_b, above)
-            # One that fell was stretched too far, and has not arrived.
-            climbing_b = climbing_b & ((gain_b > self.config.tolerance) | (gain_b < 0) & stretched_b)
-            stretched_b = stretch_b > 1
-            stretch_b = torch.where(gain_b < 0, 1.0, stretch_b)
-            if not climbing_b.any():
-                break
-        return point
+        state = map_em.fit(config.softening * mu_bkd, config.rounds, tolerance=config.tolerance)
+        sigma_bkd, concentration_bk = map_em.uncertainty(state)
+        return GuideParameters(
+            mu_bkd=state.log_w_bkd,
+            sigma_bkd=sigma_bkd,
+            concentration_bk=concentration_bk.clamp_min(LEAST_CONCENTRATION),
+            activation_bkij=activation_bkij + _over_columns(state.log_w_bkd - mu_bkd, activation_bkij),
+        )
 
 
 def _over_columns(change_bkd: Tensor, activation_bkij: Tensor) -> Tensor:

@@ -10,7 +10,7 @@ class RefinementConfig:
     """How far and on what a posterior is refined.
 
     Args:
-        rounds: most rounds of ascent.
+        rounds: most rounds of MAP-EM.
         tolerance: a clip has arrived when its log posterior per time-frequency bin rises by less in a round.
         softening: the networks' log-weights are multiplied by it to start with; a start that is too sure of itself
             locks in, one that is flat forgets the picture.

@@ -1,6 +1,6 @@
 """Likelihoods of a spectrogram: small objects that return a distribution of x given w and pi, made to be swapped.
 
-A likelihood may also say what it makes of x^H H^-1 x (``tail``), which is all that the closed-form refinement needs.
+A likelihood may also return its density as a function of x^H H^-1 x (``density_generator``), for MAP-EM.
 """
 
 import math
@@ -12,7 +12,7 @@ from pyro.distributions import TorchDistribution
 from torch import Tensor
 
 from avssl_pyro.distributions.activity_mixture import ActivityMixture
-from avssl_pyro.distributions.map_em import DensityGenerator
+from avssl_pyro.distributions.e_step import DensityGenerator
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.distributions.student_mixture import StudentMixture
@@ -50,8 +50,8 @@ class ProfiledGaussian:
     ) -> SpatialMixture:
         return SpatialMixture(template_dfmm, w_bkd, pi_bk, num_frames=num_frames, diffuse=diffuse)
 
-    def tail(self, observed: ObservedSpectrogram) -> DensityGenerator:
-        """For :class:`avssl_pyro.distributions.map_em.MapEM`."""
+    def density_generator(self, observed: ObservedSpectrogram) -> DensityGenerator:
+        """Power and offset for :class:`avssl_pyro.distributions.map_em.MapEM`."""
         return DensityGenerator(observed.num_microphones, observed.num_microphones * observed.floor_b)
 
 
@@ -85,8 +85,8 @@ class InverseGammaPsd:
             diffuse=diffuse,
         )
 
-    def tail(self, observed: ObservedSpectrogram) -> DensityGenerator:
-        """For :class:`avssl_pyro.distributions.map_em.MapEM`."""
+    def density_generator(self, observed: ObservedSpectrogram) -> DensityGenerator:
+        """Power and offset for :class:`avssl_pyro.distributions.map_em.MapEM`."""
         largest = torch.finfo(observed.floor_b.dtype).max ** 0.5
         offset_b = (math.log(self.scale) - 2 * observed.log_scale_b).exp().clamp_max(largest)
         return DensityGenerator(observed.num_microphones + self.shape, torch.maximum(offset_b, observed.floor_b))

@@ -1,4 +1,4 @@
-"""Closed-form ascent of the spatial mixture's posterior in direction weights and mixing levels.
+"""MAP-EM: maximises the posterior of direction weights and mixing levels by closed-form updates.
 
 With the power spectral density profiled out, a source is a complex angular central Gaussian, and the mixture a cACGMM
 (Ito, Araki, Nakatani 2016) whose covariances are tied to the direction templates. Given responsibilities, majorising
@@ -6,68 +6,50 @@ the trace and linearising the log determinant bounds the log-likelihood of a cla
 
     - w_d (old)^2 pull_d / w_d - push_d w_d
 
-with pull_d = sum_f a^H P Phi P a and push_d = sum_f n_f a^H P a. Without a prior its maximum is the multiplicative
-update w <- w (pull / push)^(1/2) of non-negative matrix factorisation. With a prior of log w the maximum of bound plus
-prior is found by Newton's method. Either way the objective never falls, and no step size is needed.
+with pull_d = sum_f a^H P Phi P a and push_d = sum_f n_f a^H P a. Without a prior the maximum is the multiplicative
+update w <- w (pull / push)^(1/2) of non-negative matrix factorisation. With a prior of log w, Newton's method finds the
+maximum of bound plus prior. In both cases the objective never falls, and no step size is needed.
 
-The bound is far steeper than the posterior, so the spread of log w is not read off it but off the expected (Fisher)
-information of a complex Student t, of which the angular central Gaussian is one,
+The bound is far steeper than the posterior. The spread of log w therefore comes from the expected (Fisher) information
+of a complex Student t, of which the angular central Gaussian is one,
 
     I_d = sum_tf gamma_tf^2 w_d^2 [ p tr(P G_d P G_d) - (tr P G_d)^2 ] / (p + 1)
 
-with power p and templates G_d = a a^H + eps I. With it, the variance of log w is that of the best normal guide. Masks
-are not observed: of what a bin would tell of a class that it is known to be of, which has responsibility gamma, gamma^2
-remains. Likewise the counts behind the levels are worth the mean over classes of (gamma - pi)^2 / pi of what they are.
+with power p and templates G_d = a a^H + eps I. It gives log w the variance of the best normal guide. Masks are not
+observed: of the information of a bin about a class with responsibility gamma, the share gamma^2 remains. The counts
+behind the levels are likewise multiplied by the mean over classes of (gamma - pi)^2 / pi.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from avssl_pyro.acoustics.covariance import (
-    form_coefficients,
-    inverse_and_logdet,
-    matrix_from_features,
-    spatial_covariance,
-    template_features,
-)
+from avssl_pyro.distributions.e_step import DensityGenerator, EStep
 from avssl_pyro.distributions.log_weight_priors import LogWeightPrior
-from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, quadratic_form
+from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram
 
 NEWTON_STEPS = 4
-# Newton's step in log w is kept below this: far from its maximum the bound is steeper than its tangent tells.
+# Largest Newton step in log w: far from its maximum the bound is steeper than its tangent.
 LONGEST_STEP = 2.0
-# Some priors leave a direction that nothing is heard from nearly free; beyond this it is of no interest.
+# Largest standard deviation of log w: some priors leave a silent direction nearly free.
 MOST_SPREAD = 4.0
-# Where one class has nearly all bins the others are not told apart, and no Dirichlet describes that well.
+# Least factor of the counts: where one class has nearly all bins, no Dirichlet describes the levels well.
 LEAST_WORTH = 0.01
 BISECTIONS = 30
-
-
-@dataclass(frozen=True)
-class DensityGenerator:
-    """log p(x | k) = -power log(x^H P x + offset) - log det H + const, in which the power spectral density is gone.
-
-    Args:
-        power: M if the density is profiled out (Eq. 16), more if an inverse gamma prior is integrated over.
-        offset_b: in units of the scaled x of :class:`ObservedSpectrogram`, (B,).
-    """
-
-    power: float
-    offset_b: Tensor
+# Relaxation of a fit until it overshoots: twice the closed-form step.
+OVERRELAXATION = 2.0
 
 
 @dataclass(frozen=True)
 class MapEMState:
-    """A point of the ascent.
+    """One iterate of MAP-EM.
 
     Args:
         log_w_bkd: log direction weights, (B, K, D).
         counts_bk: expected numbers of time-frequency bins of every class, (B, K).
-        log_likelihood_b: of the point before the step that led here, up to a constant of the clip, (B,).
-        objective_b: the same with the priors, which is what never falls, (B,).
+        log_likelihood_b: log-likelihood before the step that led here, up to a constant of the clip, (B,).
+        objective_b: log posterior there, which never falls, (B,).
     """
 
     log_w_bkd: Tensor
@@ -81,7 +63,7 @@ class MapEMState:
         return self.counts_bk / self.counts_bk.sum(-1, keepdim=True)
 
     def choose(self, moves_b: Tensor, other: "MapEMState") -> "MapEMState":
-        """The other point for the clips that move, this one for the rest."""
+        """``other`` for the clips that move, this one for the rest."""
         return MapEMState(
             torch.where(moves_b[:, None, None], other.log_w_bkd, self.log_w_bkd),
             torch.where(moves_b[:, None], other.counts_bk, self.counts_bk),
@@ -90,27 +72,18 @@ class MapEMState:
         )
 
 
-class _Expectation(NamedTuple):
-    """The E-step: P, x^H P x + offset, responsibilities, and the evidence of every bin."""
-
-    inverse_bkfmm: Tensor
-    quad_bfkt: Tensor
-    gamma_bfkt: Tensor
-    evidence_bft: Tensor
-
-
 class MapEM:
-    """Climbs the posterior of a batch of clips.
+    """MAP estimates of direction weights and mixing levels of a batch of clips.
 
     Args:
-        observed: the clips' spectrograms.
+        observed: spectrograms of the clips.
         template_dfmm: direction templates of the same frequencies, complex (D, F, M, M).
         diffuse: eps relative to the summed weights.
-        tail: what the likelihood makes of x^H P x.
-        prior: of log w, about ``prior_mean``.
+        density_generator: power and offset of the likelihood.
+        prior: prior of log w about ``prior_mean``.
         alpha: concentration of the Dirichlet prior of mixing levels, a number or (K,).
-        weight: every observed bin counts so often; a thinned spectrogram then holds its own against the priors.
-        prior_mean: broadcast against (B, K, D); 0, or a share of the visual network's mu to keep the picture in.
+        weight: multiplicity of every observed bin; a thinned spectrogram keeps its balance with the priors.
+        prior_mean: mean of log w, broadcast against (B, K, D); 0, or a share of the visual network's mu.
     """
 
     def __init__(
@@ -118,78 +91,105 @@ class MapEM:
         observed: ObservedSpectrogram,
         template_dfmm: Tensor,
         diffuse: float,
-        tail: DensityGenerator,
+        density_generator: DensityGenerator,
         prior: LogWeightPrior,
         alpha: Tensor | float,
         weight: float = 1.0,
         prior_mean: Tensor | float = 0.0,
     ) -> None:
-        self._observed = observed
-        self._template_dfmm = template_dfmm
-        self._features_cd = template_features(template_dfmm).flatten(1).T.contiguous()
-        self._diffuse = diffuse
-        self._tail = tail
+        self._e_step = EStep(observed, template_dfmm, diffuse, density_generator)
         self._prior = prior
         self._prior_mean = prior_mean
         self._alpha = alpha
         self._weight = weight
 
     @torch.no_grad()
-    def step(self, log_w_bkd: Tensor, pi_bk: Tensor, stretch_b: Tensor | float = 1.0) -> MapEMState:
-        """One round: responsibilities at the given point, then levels and weights that explain them better.
+    def fit(
+        self,
+        log_w_bkd: Tensor,
+        rounds: int,
+        *,
+        tolerance: float | None = None,
+        overrelaxation: float = OVERRELAXATION,
+    ) -> MapEMState:
+        """Runs up to ``rounds`` rounds from the given log-weights and equal levels; the first is not relaxed.
+
+        Classes start at equal levels, because one that starts quiet stays quiet.
 
         Args:
-            log_w_bkd, pi_bk: the point.
-            stretch_b: the change of log w is multiplied by it; 2 is the common overrelaxation, about twice as fast as
-                a rule, but only 1 cannot fall.
+            log_w_bkd: log-weights to start at.
+            rounds: most rounds, at least 1.
+            tolerance: gain in log posterior per time-frequency bin at which a clip stops. A clip then also drops its
+                overrelaxation at the first fall. None runs all rounds, all of them relaxed.
+            overrelaxation: relaxation of every round but the first, see :meth:`step`.
+        """
+        state = self.step(log_w_bkd, log_w_bkd.new_full(log_w_bkd.shape[:-1], 1 / log_w_bkd.shape[-2]))
+        moving_b = torch.ones_like(state.objective_b, dtype=torch.bool)
+        relaxation_b = torch.full_like(state.objective_b, overrelaxation)
+        # The gain of a round is known in the next one, which has been relaxed already.
+        relaxed_b = torch.zeros_like(moving_b)
+        for _ in range(rounds - 1):
+            new = self.step(state.log_w_bkd, state.pi_bk, relaxation_b)
+            if tolerance is None:
+                state = new
+                continue
+            gain_b = (new.objective_b - state.objective_b) / state.counts_bk.sum(-1)
+            # A converged clip stays where it is, so that its result does not depend on its batch.
+            state = state.choose(moving_b, new)
+            # A fall after a relaxed round is an overshoot, not convergence.
+            moving_b = moving_b & ((gain_b > tolerance) | (gain_b < 0) & relaxed_b)
+            relaxed_b = relaxation_b > 1
+            relaxation_b = torch.where(gain_b < 0, 1.0, relaxation_b)
+            if not moving_b.any():
+                break
+        return state
+
+    @torch.no_grad()
+    def step(self, log_w_bkd: Tensor, pi_bk: Tensor, relaxation_b: Tensor | float = 1.0) -> MapEMState:
+        """One round: responsibilities at the given point, then the levels and weights that maximise the bound.
+
+        Args:
+            log_w_bkd: log direction weights of the point.
+            pi_bk: mixing levels of the point.
+            relaxation_b: factor of the change of log w; 2 is about twice as fast as 1, but only 1 never falls.
         """
         log_prior_b = self._prior.log_density(self._center(log_w_bkd) - self._prior_mean)
         log_prior_b = log_prior_b + (self._alpha * pi_bk.clamp_min(torch.finfo(pi_bk.dtype).tiny).log()).sum(-1)
-        expected = self._expect(log_w_bkd, pi_bk)
-        inverse_bkfmm, gamma_bfkt, power = expected.inverse_bkfmm, expected.gamma_bfkt, self._tail.power
-        count_bfk = gamma_bfkt.sum(-1)
+        expected = self._e_step(log_w_bkd, pi_bk)
+        inverse_bkfmm, count_bfk = expected.inverse_bkfmm, expected.gamma_bfkt.sum(-1)
+        phi_bkfmm = self._e_step.weighted_covariance(expected)
+        pull_bkd = self._e_step.project(inverse_bkfmm @ phi_bkfmm @ inverse_bkfmm)
+        push_bkd = self._e_step.project(count_bfk.transpose(-2, -1)[..., None, None] * inverse_bkfmm)
 
-        # Phi = power sum_t gamma x x^H / (x^H P x + offset), then P Phi P, both as M^2 real features.
-        phi_bfkc = power * (gamma_bfkt.div_(expected.quad_bfkt) @ self._observed.features_bfct.transpose(-2, -1))
-        phi_bkfmm = matrix_from_features(phi_bfkc.transpose(-3, -2))
-        pull_bkd = self._project(inverse_bkfmm @ phi_bkfmm @ inverse_bkfmm)
-        push_bkd = self._project(count_bfk.transpose(-2, -1)[..., None, None] * inverse_bkfmm)
-
-        # P was that of weights summing to 1; the bound is that of the weights themselves.
+        # P belongs to weights summing to 1; the bound is a function of the weights themselves.
         weight_bkd = self._weight * log_w_bkd.softmax(-1)
         best_bkd = self._maximize(log_w_bkd, weight_bkd * pull_bkd, weight_bkd * push_bkd)
-        stretch_b11 = torch.as_tensor(stretch_b, dtype=pi_bk.dtype, device=pi_bk.device).reshape(-1, 1, 1)
-        log_w_bkd = torch.lerp(self._center(log_w_bkd), best_bkd, stretch_b11)
+        relaxation_b11 = torch.as_tensor(relaxation_b, dtype=pi_bk.dtype, device=pi_bk.device).reshape(-1, 1, 1)
+        log_w_bkd = torch.lerp(self._center(log_w_bkd), best_bkd, relaxation_b11)
         counts_bk = self._weight * count_bfk.sum(-2) + self._alpha
         log_likelihood_b = self._weight * expected.evidence_bft.sum((-2, -1))
         return MapEMState(log_w_bkd, counts_bk, log_likelihood_b, log_likelihood_b + log_prior_b)
 
     @torch.no_grad()
-    def uncertainty(self, point: MapEMState) -> tuple[Tensor, Tensor]:
-        """Standard deviations of log w at a point, (B, K, D), and concentrations of pi, (B, K).
+    def uncertainty(self, state: MapEMState) -> tuple[Tensor, Tensor]:
+        """Standard deviations of log w, (B, K, D), and concentrations of pi, (B, K), at a point.
 
         Both come from the expected information of bins whose masks are not observed, and from the priors.
         """
-        expected, power = self._expect(point.log_w_bkd, point.pi_bk), self._tail.power
-        inverse_bkfmm, weight_bkfd = expected.inverse_bkfmm, point.log_w_bkd.softmax(-1)[:, :, None]
-        square_bkfmm = inverse_bkfmm @ inverse_bkfmm
-        first_bkfd, second_bkfd = self._per_bin(inverse_bkfmm), self._per_bin(square_bkfmm)
-        trace_bkf1, square_bkf1 = _trace(inverse_bkfmm)[..., None], _trace(square_bkfmm)[..., None]
-        twice_bkfd = first_bkfd.square() + 2 * self._diffuse * second_bkfd + self._diffuse**2 * square_bkf1
-        once_bkfd = first_bkfd + self._diffuse * trace_bkf1
-        information_bkfd = weight_bkfd.square() * (power * twice_bkfd - once_bkfd.square()) / (power + 1)
+        expected = self._e_step(state.log_w_bkd, state.pi_bk)
         square_bkf = expected.gamma_bfkt.square().sum(-1).transpose(-2, -1)
+        weight_bkfd = state.log_w_bkd.softmax(-1)[:, :, None]
+        information_bkfd = weight_bkfd.square() * self._e_step.information(expected.inverse_bkfmm)
         precision_bkd = self._weight * (square_bkf[..., None] * information_bkfd).sum(-2).clamp_min(0)
-        return self._best_spread(point.log_w_bkd, precision_bkd), self._worth(point, square_bkf) * point.counts_bk
+        return self._spread(state.log_w_bkd, precision_bkd), self._worth(state, square_bkf) * state.counts_bk
 
-    def _worth(self, point: MapEMState, square_bkf: Tensor) -> Tensor:
-        """Share of the counts that would tell as much with masks observed as all of them do without, (B, 1)."""
-        pi_bk = point.pi_bk.clamp_min(torch.finfo(point.pi_bk.dtype).tiny)
-        bins = self._observed.features_bfct.shape[-3] * self._observed.features_bfct.shape[-1]
-        contrast_b = (square_bkf.sum(-1) / (bins * pi_bk)).sum(-1) - 1
+    def _worth(self, state: MapEMState, square_bkf: Tensor) -> Tensor:
+        """Share of the counts that carries the same information with observed masks, (B, 1)."""
+        pi_bk = state.pi_bk.clamp_min(torch.finfo(state.pi_bk.dtype).tiny)
+        contrast_b = (square_bkf.sum(-1) / (self._e_step.num_bins * pi_bk)).sum(-1) - 1
         return (contrast_b / max(pi_bk.shape[-1] - 1, 1)).clamp(LEAST_WORTH, 1)[:, None]
 
-    def _best_spread(self, log_w_bkd: Tensor, precision_bkd: Tensor) -> Tensor:
+    def _spread(self, log_w_bkd: Tensor, precision_bkd: Tensor) -> Tensor:
         about_mean_bkd = log_w_bkd - self._prior_mean
         # variance * (information + expected precision of the prior) = 1; the left side rises with the variance.
         low_bkd, high_bkd = torch.zeros_like(precision_bkd), torch.full_like(precision_bkd, MOST_SPREAD**2)
@@ -200,34 +200,9 @@ class MapEM:
             high_bkd = torch.where(above_bkd, middle_bkd, high_bkd)
         return high_bkd.sqrt()
 
-    def _expect(self, log_w_bkd: Tensor, pi_bk: Tensor) -> _Expectation:
-        tiny = torch.finfo(pi_bk.dtype).tiny
-        scm_bkfmm = spatial_covariance(log_w_bkd.softmax(-1), self._template_dfmm, self._diffuse)
-        inverse_bkfmm, logdet_bkf = inverse_and_logdet(scm_bkfmm)
-        quad_bfkt = quadratic_form(self._observed, inverse_bkfmm).clamp_min_(0)
-        quad_bfkt.add_(self._tail.offset_b[..., None, None, None])
-        bias_bfk = (pi_bk.clamp_min(tiny).log()[..., None] - logdet_bkf).transpose(-2, -1)
-        joint_bfkt = torch.add(bias_bfk[..., None], quad_bfkt.log(), alpha=-self._tail.power)
-        evidence_bft = joint_bfkt.logsumexp(dim=-2)
-        gamma_bfkt = joint_bfkt.sub_(evidence_bft[..., None, :]).exp_()
-        return _Expectation(inverse_bkfmm, quad_bfkt, gamma_bfkt, evidence_bft)
-
-    def _per_bin(self, matrix_bkfmm: Tensor) -> Tensor:
-        """a_fd^H Q_f a_fd, (B, K, F, D)."""
-        b, k, f, _, _ = matrix_bkfmm.shape
-        coefficients_fnc = form_coefficients(matrix_bkfmm).flatten(0, 1).transpose(0, 1)
-        features_fcd = self._features_cd.unflatten(0, (f, -1))
-        return (coefficients_fnc @ features_fcd).transpose(0, 1).reshape(b, k, f, -1)
-
-    def _project(self, matrix_bkfmm: Tensor) -> Tensor:
-        """sum_f tr((a_fd a_fd^H + eps I) Q_f), (B, K, D); eps, relative to the summed weights, is part of each."""
-        trace_bk1 = _trace(matrix_bkfmm).sum(-1, keepdim=True)
-        projected_bkd = form_coefficients(matrix_bkfmm).flatten(-2) @ self._features_cd
-        return (projected_bkd + self._diffuse * trace_bk1).clamp_min(0)
-
     def _maximize(self, old_bkd: Tensor, pull_bkd: Tensor, push_bkd: Tensor) -> Tensor:
         """argmax over u of - pull e^(old - u) - push e^(u - old) + log prior(u)."""
-        # The likelihood does not depend on the scale of w: put it where the prior likes it before comparing with it.
+        # The likelihood does not depend on the scale of w, so the scale of greatest prior density comes first.
         change = torch.zeros_like(old_bkd)
         centered_bkd = self._center(old_bkd)
         about_mean_bkd = centered_bkd - self._prior_mean
@@ -241,7 +216,3 @@ class MapEM:
 
     def _center(self, log_w_bkd: Tensor) -> Tensor:
         return log_w_bkd + self._prior.shift(log_w_bkd - self._prior_mean)
-
-
-def _trace(matrix: Tensor) -> Tensor:
-    return matrix.diagonal(dim1=-2, dim2=-1).real.sum(-1)

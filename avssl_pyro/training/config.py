@@ -21,7 +21,7 @@ class DistillationConfig:
             it off.
         level_weight: the same of the cross-entropy of levels, whose gradient has the scale of the ELBO's; nothing to
             a guide without an audio network.
-        rounds: of ascent behind a target.
+        rounds: rounds of MAP-EM behind a target.
         softening: the log-weights are multiplied by it to start with, as in a refinement.
         smoothing_deg: standard deviation of the kernel that targets are smoothed with over directions, degrees.
         warmup: share of the training over which the weights rise from 0; the first starts are worth nothing.

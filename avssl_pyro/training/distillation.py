@@ -17,13 +17,13 @@ from torch import Tensor, nn
 
 from avssl_pyro.distributions.map_em import MapEMState
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.conjugacy import check_ascent, model_ascent
+from avssl_pyro.guides.conjugacy import check_map_em, map_em_of
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.training.config import DistillationConfig
 from avssl_pyro.training.elbo_terms import ElboTermsMixin
 
 # Close to the common overrelaxation of 2, and safe for a fixed number of rounds.
-STRETCH = 1.8
+OVERRELAXATION = 1.8
 
 
 class DistillationLoss(nn.Module):
@@ -57,7 +57,7 @@ class DistillationLoss(nn.Module):
         self._model, self._guide = (model,), (guide,)
         self._config = config
         if config.weight or config.level_weight:
-            check_ascent(model)
+            check_map_em(model)
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor, strength: float) -> tuple[Tensor, Tensor]:
         """What is minimised, and the cross-entropies of directions and of levels (2,), nats per clip, detached.
@@ -103,12 +103,8 @@ class DistillationLoss(nn.Module):
     @torch.no_grad()
     def _refine(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MapEMState:
         (model,) = self._model
-        ascent = model_ascent(model, x_bfmt, mu_bkd, frame_step=self._config.frame_step)
-        equal_bk = mu_bkd.new_full(mu_bkd.shape[:-1], 1 / mu_bkd.shape[-2])
-        point = ascent.step(self._config.softening * mu_bkd, equal_bk)
-        for _ in range(self._config.rounds - 1):
-            point = ascent.step(point.log_w_bkd, point.pi_bk, STRETCH)
-        return point
+        map_em = map_em_of(model, x_bfmt, mu_bkd, frame_step=self._config.frame_step)
+        return map_em.fit(self._config.softening * mu_bkd, self._config.rounds, overrelaxation=OVERRELAXATION)
 
     def _kernel(self, like_bkd: Tensor) -> Tensor:
         """A von Mises kernel over directions, (D, D), each row summing to 1."""

@@ -95,7 +95,7 @@ REFUSALS = (
     (lambda c: c.model is ExplicitMaskCGMM and c.likelihood != ProfiledGaussian(), "bins are independent given"),
     (lambda c: c.model is ExplicitMaskCGMM and c.guide in (mean_field, low_rank), "whose masks are summed out"),
     (lambda c: c.guide is refined and isinstance(c.levels, StickBreaking | LogisticNormal), "has no 'pseudo_counts'"),
-    (lambda c: c.guide is refined and c.likelihood == FrameActivity(), "has no 'tail'"),
+    (lambda c: c.guide is refined and c.likelihood == FrameActivity(), "has no 'density_generator'"),
     (lambda c: c.model is ExplicitMaskCGMM and c.estimator is not TraceEnum_ELBO, "discrete mask in every bin"),
     (lambda c: c.model is SpatialCGMM and c.estimator is TraceEnum_ELBO, "has nothing to sum over"),
 )

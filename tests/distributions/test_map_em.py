@@ -1,4 +1,4 @@
-"""The closed-form ascent: it never falls, it finds what is there, and its spread is that of the posterior."""
+"""MAP-EM: it never falls, it finds what is there, and its spread is that of the posterior."""
 
 from dataclasses import replace
 from typing import Any
@@ -12,13 +12,14 @@ from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
+from avssl_pyro.distributions.e_step import DensityGenerator
 from avssl_pyro.distributions.log_weight_priors import (
     GammaLogWeights,
     HalfNormalLogWeights,
     LogWeightPrior,
     NormalLogWeights,
 )
-from avssl_pyro.distributions.map_em import DensityGenerator, MapEM
+from avssl_pyro.distributions.map_em import MapEM
 from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.distributions.student_mixture import StudentMixture
@@ -50,14 +51,14 @@ def x_bfmt() -> Tensor:
     return SpatialMixture(TEMPLATE_DFMM, w_bkd, pi_bk, num_frames=T, diffuse=0.02, psd_bfkt=psd_bfkt).sample()
 
 
-def make_ascent(
+def make_map_em(
     x_bfmt: Tensor, prior: LogWeightPrior | float, alpha: float, diffuse: float = 0.05, weight: float = 1.0
 ) -> MapEM:
     """With the paper's likelihood; a number is the precision of a normal prior."""
     observed = observe(x_bfmt)
-    tail = DensityGenerator(observed.num_microphones, observed.num_microphones * observed.floor_b)
+    generator = DensityGenerator(observed.num_microphones, observed.num_microphones * observed.floor_b)
     prior = NormalLogWeights(prior**-0.5) if isinstance(prior, float) else prior
-    return MapEM(observed, TEMPLATE_DFMM, diffuse, tail, prior, alpha, weight)
+    return MapEM(observed, TEMPLATE_DFMM, diffuse, generator, prior, alpha, weight)
 
 
 def start() -> tuple[Tensor, Tensor]:
@@ -84,12 +85,12 @@ def test_likelihood_plus_prior_never_falls(
 ) -> None:
     observed, like = observe(x_bfmt), start()[0]
     prior = direction_prior.of_log_weights(D, like)
-    ascent = MapEM(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
+    map_em = MapEM(observed, TEMPLATE_DFMM, 0.05, likelihood.density_generator(observed), prior, alpha=0.0)
     log_w_bkd, pi_bk = start()
     log_w_bkd = log_w_bkd + prior.shift(log_w_bkd)
     objectives = []
     for _ in range(25):
-        point = ascent.step(log_w_bkd, pi_bk)
+        point = map_em.step(log_w_bkd, pi_bk)
         log_prior_b = direction_prior(K, D, like).log_prob(log_w_bkd.exp()) + log_w_bkd.sum((-2, -1))
         objectives.append(point.log_likelihood_b + log_prior_b)
         log_w_bkd, pi_bk = point.log_w_bkd, point.pi_bk
@@ -101,21 +102,21 @@ def test_likelihood_plus_prior_never_falls(
 def test_the_students_likelihood_is_reported_too(x_bfmt: Tensor) -> None:
     likelihood, observed = InverseGammaPsd(0.8, 0.3), observe(x_bfmt)
     prior = NormalLogWeights()
-    ascent = MapEM(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
+    map_em = MapEM(observed, TEMPLATE_DFMM, 0.05, likelihood.density_generator(observed), prior, alpha=0.0)
     (first_w, pi_bk), second_w = start(), torch.zeros(2, K, D).double()
     expected = [likelihood(TEMPLATE_DFMM, w.exp(), pi_bk, T, 0.05).log_prob(x_bfmt) for w in (first_w, second_w)]
-    found = [ascent.step(w, pi_bk).log_likelihood_b for w in (first_w, second_w)]
+    found = [map_em.step(w, pi_bk).log_likelihood_b for w in (first_w, second_w)]
     torch.testing.assert_close(found[0] - found[1], expected[0] - expected[1])
 
 
 def test_the_reported_likelihood_is_that_of_the_mixture(x_bfmt: Tensor) -> None:
-    ascent = make_ascent(x_bfmt, 1.0, alpha=0.0)
+    map_em = make_map_em(x_bfmt, 1.0, alpha=0.0)
     (first_w, first_pi), (second_w, second_pi) = start(), (torch.zeros(2, K, D).double(), start()[1])
     expected, found = (
         [evaluate(first_w, first_pi), evaluate(second_w, second_pi)]
         for evaluate in (
             lambda w, pi: SpatialMixture(TEMPLATE_DFMM, w.exp(), pi, num_frames=T, diffuse=0.05).log_prob(x_bfmt),
-            lambda w, pi: ascent.step(w, pi).log_likelihood_b,
+            lambda w, pi: map_em.step(w, pi).log_likelihood_b,
         )
     )
     # Up to a constant of the clip.
@@ -123,14 +124,14 @@ def test_the_reported_likelihood_is_that_of_the_mixture(x_bfmt: Tensor) -> None:
 
 
 def test_it_finds_the_sources_and_their_levels(x_bfmt: Tensor) -> None:
-    ascent = make_ascent(x_bfmt, 0.1, alpha=0.01, diffuse=0.02)
+    map_em = make_map_em(x_bfmt, 0.1, alpha=0.01, diffuse=0.02)
     log_w_bkd = torch.full((2, K, D), -1.0, dtype=torch.float64)
     # As the networks would: roughly there, and one class for the rest.
     for k, d in enumerate(TRUE_DIRECTIONS):
         log_w_bkd[:, k, d - 2 : d + 3] = 0.0
     pi_bk = start()[1]
     for _ in range(40):
-        point = ascent.step(log_w_bkd, pi_bk)
+        point = map_em.step(log_w_bkd, pi_bk)
         log_w_bkd, pi_bk = point.log_w_bkd, point.pi_bk
     assert log_w_bkd[:, : len(TRUE_DIRECTIONS)].argmax(-1).tolist() == [list(TRUE_DIRECTIONS)] * 2
     assert pi_bk.numpy() == pytest.approx(np.array([[0.4, 0.4, 0.2]] * 2), abs=0.1)
@@ -138,28 +139,28 @@ def test_it_finds_the_sources_and_their_levels(x_bfmt: Tensor) -> None:
 
 def test_silence_stays_finite() -> None:
     silent = torch.zeros(1, F, 6, T, dtype=torch.complex128)
-    ascent = make_ascent(silent, 4.0, alpha=0.01)
-    point = ascent.step(torch.zeros(1, K, D).double(), torch.full((1, K), 1 / K).double())
+    map_em = make_map_em(silent, 4.0, alpha=0.01)
+    point = map_em.step(torch.zeros(1, K, D).double(), torch.full((1, K), 1 / K).double())
     assert torch.isfinite(point.log_w_bkd).all()
     assert torch.isfinite(point.log_likelihood_b).all()
 
 
 def test_a_weight_is_so_many_copies_of_every_frame(x_bfmt: Tensor) -> None:
     thrice = x_bfmt.repeat_interleave(3, dim=-1)
-    ascents = make_ascent(x_bfmt, 2.0, alpha=0.5, weight=3.0), make_ascent(thrice, 2.0, alpha=0.5)
-    weighted, copied = (ascent.step(*start()) for ascent in ascents)
+    fits = make_map_em(x_bfmt, 2.0, alpha=0.5, weight=3.0), make_map_em(thrice, 2.0, alpha=0.5)
+    weighted, copied = (map_em.step(*start()) for map_em in fits)
     torch.testing.assert_close(weighted.log_w_bkd, copied.log_w_bkd)
     torch.testing.assert_close(weighted.counts_bk, copied.counts_bk)
     torch.testing.assert_close(weighted.log_likelihood_b, copied.log_likelihood_b)
-    for found, expected in zip(ascents[0].uncertainty(weighted), ascents[1].uncertainty(copied), strict=True):
+    for found, expected in zip(fits[0].uncertainty(weighted), fits[1].uncertainty(copied), strict=True):
         torch.testing.assert_close(found, expected)
 
 
 def test_more_data_means_less_spread(x_bfmt: Tensor) -> None:
     spreads = []
     for frames in (T // 3, T):
-        ascent = make_ascent(x_bfmt[..., :frames], 1.0, alpha=0.01)
-        spreads.append(ascent.uncertainty(ascent.step(*start()))[0].mean().item())
+        map_em = make_map_em(x_bfmt[..., :frames], 1.0, alpha=0.01)
+        spreads.append(map_em.uncertainty(map_em.step(*start()))[0].mean().item())
     assert spreads[1] < spreads[0] < 1.0
 
 
@@ -181,21 +182,21 @@ def test_the_spread_is_that_of_the_expected_information(likelihood: ProfiledGaus
     information_d = scores.square().mean(0) * (frames / 10)
     observed = observe(x_bfmt)
     prior = NormalLogWeights(prior_precision**-0.5)
-    ascent = MapEM(observed, TEMPLATE_DFMM, 0.05, likelihood.tail(observed), prior, alpha=0.0)
-    point = ascent.step(log_w.detach(), pi_bk)
+    map_em = MapEM(observed, TEMPLATE_DFMM, 0.05, likelihood.density_generator(observed), prior, alpha=0.0)
+    point = map_em.step(log_w.detach(), pi_bk)
     at_the_truth = replace(point, log_w_bkd=log_w.detach())
     expected_d = (information_d + prior_precision).rsqrt()
-    assert ascent.uncertainty(at_the_truth)[0][0, 0].numpy() == pytest.approx(expected_d.numpy(), rel=0.2)
+    assert map_em.uncertainty(at_the_truth)[0][0, 0].numpy() == pytest.approx(expected_d.numpy(), rel=0.2)
 
 
 @pytest.mark.parametrize("prior", [GammaLogWeights(0.5), HalfNormalLogWeights(1.0)], ids=str)
 def test_silent_directions_spread_far_under_priors_that_let_them(x_bfmt: Tensor, prior: LogWeightPrior) -> None:
-    ascent = make_ascent(x_bfmt, prior, alpha=0.01)
+    map_em = make_map_em(x_bfmt, prior, alpha=0.01)
     log_w_bkd, pi_bk = start()
     for _ in range(20):
-        point = ascent.step(log_w_bkd, pi_bk)
+        point = map_em.step(log_w_bkd, pi_bk)
         log_w_bkd, pi_bk = point.log_w_bkd, point.pi_bk
-    spread_bkd, _ = ascent.uncertainty(point)
+    spread_bkd, _ = map_em.uncertainty(point)
     assert spread_bkd.isfinite().all()
     assert spread_bkd.max() <= 4.0
     quiet, loud = log_w_bkd.flatten().argsort()[[0, -1]]
@@ -203,15 +204,15 @@ def test_silent_directions_spread_far_under_priors_that_let_them(x_bfmt: Tensor,
 
 
 def test_counts_are_worth_less_where_classes_look_alike(x_bfmt: Tensor) -> None:
-    ascent, (_, pi_bk) = make_ascent(x_bfmt, 1.0, alpha=0.5), start()
+    map_em, (_, pi_bk) = make_map_em(x_bfmt, 1.0, alpha=0.5), start()
     worth = []
     for contrast in (0.0, 0.3, 6.0):
         log_w_bkd = torch.zeros(2, K, D, dtype=torch.float64)
         for k, d in enumerate(TRUE_DIRECTIONS):
             log_w_bkd[:, k, d] = contrast
-        point = ascent.step(log_w_bkd, pi_bk)
+        point = map_em.step(log_w_bkd, pi_bk)
         at_the_start = replace(point, log_w_bkd=log_w_bkd)
-        concentration_bk = ascent.uncertainty(at_the_start)[1]
+        concentration_bk = map_em.uncertainty(at_the_start)[1]
         worth.append(concentration_bk.sum(-1).mean().item())
         # However little they tell, the levels stay what they are.
         torch.testing.assert_close(concentration_bk / concentration_bk.sum(-1, keepdim=True), at_the_start.pi_bk)

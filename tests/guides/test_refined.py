@@ -16,7 +16,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.conjugacy import model_ascent
+from avssl_pyro.guides.conjugacy import map_em_of
 from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, ProfiledGaussian
@@ -215,12 +215,10 @@ def test_it_climbs_the_elbo_of_whatever_model_it_is_given(
         ({"level_prior": StickBreaking(1.0)}, r"StickBreaking\(concentration=1.0\) has no 'pseudo_counts'"),
         ({"level_prior": LogisticNormal()}, "LogisticNormal.* has no 'pseudo_counts'"),
         ({"direction_prior": Plain()}, "direction prior .* has no 'of_log_weights'"),
-        ({"likelihood": FrameActivity()}, "FrameActivity.* has no 'tail'.*use a PerClipGuide"),
+        ({"likelihood": FrameActivity()}, "FrameActivity.* has no 'density_generator'.*use a PerClipGuide"),
     ],
 )
-def test_what_the_ascent_cannot_take_in_is_refused(
-    start: AmortizedGuide, changes: dict[str, Any], sentence: str
-) -> None:
+def test_what_map_em_cannot_take_in_is_refused(start: AmortizedGuide, changes: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         RefinedGuide(start, SpatialCGMM(STEERING_FDM, K, **changes))
 
@@ -233,11 +231,11 @@ def test_it_does_not_stop_where_the_prior_pulls_against_the_likelihood(
 ) -> None:
     """What rises is likelihood times prior; from a start that the prior dislikes the likelihood alone falls."""
     guide = RefinedGuide(Sharp(), model(direction_prior), RefinementConfig(softening=1.0, rounds=300, tolerance=1e-5))
-    found, ascent = guide.parameters_of(*data), model_ascent(guide.model, data[0], Sharp().log_weights(data[1])[0])
+    found, map_em = guide.parameters_of(*data), map_em_of(guide.model, data[0], Sharp().log_weights(data[1])[0])
     pi_bk = found.concentration_bk / found.concentration_bk.sum(-1, keepdim=True)
-    points = [ascent.step(found.mu_bkd, pi_bk)]
+    points = [map_em.step(found.mu_bkd, pi_bk)]
     for _ in range(100):
-        points.append(ascent.step(points[-1].log_w_bkd, points[-1].pi_bk))
+        points.append(map_em.step(points[-1].log_w_bkd, points[-1].pi_bk))
     left_b = (points[-1].objective_b - points[1].objective_b) / points[0].counts_bk.sum(-1)
     assert left_b.max() < 0.01
 
