@@ -12,7 +12,7 @@ import torch
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.clip import SAMPLE_RATE, Clip
+from avssl_pyro.clip import SAMPLE_RATE, Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.clip_files import fit_audio, fit_panorama, read_audio, read_image
@@ -224,11 +224,12 @@ class Result:
         context = {**self.context, "array": model.array.to_dict(), "checkpoint": model.weights}
         return self.localization.to_dict(separated, **context)
 
-    def plot(self, path: str | Path | None = None) -> npt.NDArray[np.uint8]:
+    def plot(self, path: str | Path | None = None, *, truth_deg: Sequence[float] = ()) -> npt.NDArray[np.uint8]:
         """Draws the sources over the image, or on a circle where there is none.
 
         Args:
             path: PNG file to write.
+            truth_deg: true azimuths in degrees, drawn as triangles.
 
         Returns:
             The drawing, RGB, (H, W, 3).
@@ -238,11 +239,12 @@ class Result:
         """
         if path is not None and Path(path).suffix.lower() != ".png":
             raise InputError(f"{path}: pictures are written as PNG; give a name that ends in .png.")
-        posterior, sources = self.posterior, self.sources
+        posterior, sources, truth = self.posterior, self.sources, np.deg2rad(truth_deg)
         if self.has_image:
-            drawing_ijc = draw_overlay(self.clip.image_ijc, posterior, sources, self.localization.grid)
+            drawing_ijc = draw_overlay(self.clip.image_ijc, posterior, sources, self.localization.grid, truth=truth)
         else:
-            drawing_ijc = figure_pixels(draw_circles({self.clip.key: Circle.of(posterior, sources)}), dpi=PLOT_DPI)
+            circle = Circle.of(posterior, sources, SceneLabels(tuple(truth)))
+            drawing_ijc = figure_pixels(draw_circles({self.clip.key: circle}), dpi=PLOT_DPI)
         if path is not None:
             save_png(Path(path), drawing_ijc)
         return drawing_ijc
