@@ -25,10 +25,10 @@ from avssl_pyro.cli import (
     gallery,
     localize,
     prepare,
-    score_recording,
+    score,
     separation_benchmark,
     simulate,
-    simulate_recording,
+    simulate_recordings,
     track_benchmark,
     train,
 )
@@ -65,11 +65,11 @@ MAINS: dict[str, tuple[Callable[[Sequence[str]], object], dict[str, str]]] = {
     "gallery.py": (gallery.main, {"--each": "1"}),
     "track_benchmark.py": (track_benchmark.main, {"--recordings": "1", "--talkers.seconds": "4"}),
     "compare_elbo.py": (compare_elbo.main, {"--seconds": "0.05", "--clips": "1", "--draws": "4"}),
-    "simulate_recording.py": (
-        simulate_recording.main,
+    "simulate_recordings.py": (
+        simulate_recordings.main,
         {"--seconds": "4", "--width": "288", "--frame-rate": "5"},
     ),
-    "score_recording.py": (score_recording.main, {}),
+    "score.py": (score.main, {}),
     "separation_benchmark.py": (separation_benchmark.main, {"--scenes": "1"}),
     "compare_combinations.py": (
         compare_combinations.main,

@@ -14,8 +14,7 @@ from tqdm import tqdm
 
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.benchmarks.camera import CameraExperiment, CameraTrial
-from avssl_pyro.cli.chosen_system import choose_system
-from avssl_pyro.cli.material import AssetOptions
+from avssl_pyro.cli.options import AssetOptions, choose_system
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.camera import Camera
 from avssl_pyro.simulation.moving_people import MovingPeopleConfig

@@ -14,7 +14,7 @@ from rich.table import Table
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.benchmarks.combinations import ELBO_DRAWS, PER_SCENE, RECIPES, CombinationRow, Recipe, run_recipe
-from avssl_pyro.cli.chosen_system import choose_system
+from avssl_pyro.cli.options import choose_system
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split, default_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.labeled_scenes import LabeledScenes

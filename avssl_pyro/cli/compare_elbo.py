@@ -13,7 +13,7 @@ from rich.table import Table
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.batch import collate_clips
-from avssl_pyro.cli.chosen_system import choose_system
+from avssl_pyro.cli.options import choose_system
 from avssl_pyro.criticism.elbo_comparison import (
     Difference,
     explicit_mask_differences,

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import tyro
-
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
 from avssl_pyro.cli.gallery import overlay_of, refining_localizer
+from avssl_pyro.cli.options import parse_options
 from avssl_pyro.datasets.builtin import TEST, default_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.io.png import save_png
@@ -40,7 +39,7 @@ class DemoOptions:
 
 def main(args: Sequence[str] | None = None) -> None:
     """Runs the command with ``args`` (by default those of the process)."""
-    options = tyro.cli(DemoOptions, args=args)
+    options = parse_options(DemoOptions, args)
     checkpoint = options.out / CHECKPOINT_NAME
     run_training(
         replace(

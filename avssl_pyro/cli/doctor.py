@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.cli.placement import AlignmentOptions
+from avssl_pyro.cli.options import AlignmentOptions, parse_options
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.diagnosis.camera import AS_IT_IS, check_camera
@@ -73,7 +73,7 @@ def main(args: Sequence[str] | None = None) -> int:
     Raises:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
-    options = tyro.cli(DoctorOptions, args=args)
+    options = parse_options(DoctorOptions, args)
     system = None if options.checkpoint is None else load_checkpoint(options.checkpoint)
     if options.data is not None:
         if options.audio or options.video or options.image:

@@ -11,7 +11,7 @@ import tyro
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.benchmarks.comparison import run_methods, score_runs
 from avssl_pyro.benchmarks.method_suite import MethodSuite, system_band_hz
-from avssl_pyro.cli.chosen_system import choose_system
+from avssl_pyro.cli.options import choose_system
 from avssl_pyro.cli.tables import make_tables
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split, default_dataset
 from avssl_pyro.datasets.dataset import SceneDataset

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import tyro
 
-from avssl_pyro.cli.chosen_system import choose_system
+from avssl_pyro.cli.options import choose_system
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig

@@ -12,9 +12,8 @@ from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.cli.chosen_system import choose_system
-from avssl_pyro.cli.first_look import given
 from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
+from avssl_pyro.cli.options import choose_system, given, parse_options
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
@@ -68,7 +67,7 @@ class _Input:
 def parse(args: Sequence[str] | None = None) -> LocalizeOptions:
     """Options of the command line; the default thresholds are those of refined posteriors or of one forward pass."""
     thresholds = ONE_PASS_THRESHOLDS if given("--rounds", args) == "0" else REFINED_THRESHOLDS
-    return tyro.cli(LocalizeOptions, default=LocalizeOptions(tyro.MISSING, thresholds=thresholds), args=args)
+    return parse_options(LocalizeOptions, args, default=LocalizeOptions(tyro.MISSING, thresholds=thresholds))
 
 
 def main(args: Sequence[str] | None = None) -> int | None:

@@ -13,7 +13,7 @@ from tqdm import tqdm
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.command import EXIT_INTERRUPTED
-from avssl_pyro.cli.placement import AlignmentOptions
+from avssl_pyro.cli.options import AlignmentOptions
 from avssl_pyro.errors import InputError
 from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.io.dcase import write_dcase

@@ -10,7 +10,7 @@ import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.cli.placement import AlignmentOptions
+from avssl_pyro.cli.options import AlignmentOptions, parse_options
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.dcase import DcaseRow
@@ -77,7 +77,7 @@ def main(args: Sequence[str] | None = None) -> None:
     Raises:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
-    prepare_with(tyro.cli(PrepareOptions, args=args))
+    prepare_with(parse_options(PrepareOptions, args))
 
 
 def prepare_with(options: PrepareOptions) -> Prepared:

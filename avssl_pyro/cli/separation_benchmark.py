@@ -17,8 +17,7 @@ from avssl_pyro.benchmarks.separation_methods import (
     SeparationMethod,
 )
 from avssl_pyro.benchmarks.separation_table import separation_table
-from avssl_pyro.cli.chosen_system import choose_system
-from avssl_pyro.cli.material import AssetOptions
+from avssl_pyro.cli.options import AssetOptions, choose_system
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.report import print_tables
 from avssl_pyro.guides.refinement_config import RefinementConfig

@@ -11,7 +11,7 @@ import joblib
 import tyro
 
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.cli.material import AssetOptions
+from avssl_pyro.cli.options import AssetOptions, parse_options
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.encoding import LabeledScene
@@ -60,7 +60,7 @@ class SimulateOptions:
 
 def parse(args: Sequence[str] | None = None) -> SimulateOptions:
     """Options of the command line."""
-    return tyro.cli(SimulateOptions, args=args)
+    return parse_options(SimulateOptions, args)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -128,7 +128,7 @@ def _backend(options: SimulateOptions) -> Iterator[None]:
             yield
         return
     try:
-        import distributed  # noqa: PLC0415
+        import distributed
     except ImportError as error:
         raise InputError("--scheduler needs Dask; install it with: pip install 'avssl-pyro[cluster]'.") from error
     client = distributed.Client(options.scheduler)

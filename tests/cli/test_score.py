@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from avssl_pyro.cli.score_recording import main
+from avssl_pyro.cli.score import main
 
 
 @pytest.fixture

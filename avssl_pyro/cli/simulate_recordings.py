@@ -17,7 +17,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.acoustics.steering_kinds import AmbisonicsKind
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.cli.material import AssetOptions
+from avssl_pyro.cli.options import AssetOptions, parse_options
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.dcase import write_dcase
@@ -33,7 +33,7 @@ SOURCE = "simulated"
 
 
 @dataclass(frozen=True)
-class SimulateRecordingOptions:
+class SimulateRecordingsOptions:
     """Simulate 360-degree recordings with labels: a room, people who walk, stand, talk and keep silent.
 
     Written are mic_dev (or foa_dev), video_dev and metadata_dev as in STARSS23, which prepare.py --starss reads.
@@ -72,7 +72,7 @@ def main(args: Sequence[str] | None = None) -> None:
     Raises:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
-    options = tyro.cli(SimulateRecordingOptions, args=args)
+    options = parse_options(SimulateRecordingsOptions, args)
     _check(options)
     simulator = _simulator(options)
     for source in (simulator.speech, simulator.people, simulator.panoramas):
@@ -88,7 +88,7 @@ def main(args: Sequence[str] | None = None) -> None:
         print(f"{audio}: {len(recording.people.distances_s)} people, {talking} of them talk.")
 
 
-def _check(options: SimulateRecordingOptions) -> None:
+def _check(options: SimulateRecordingsOptions) -> None:
     if options.recordings < 1 or options.recordings > 999:
         raise InputError(f"--recordings is {options.recordings}; give a number from 1 to 999.")
     if not 1.0 <= options.seconds <= 3600.0:
@@ -105,13 +105,13 @@ def _check(options: SimulateRecordingOptions) -> None:
         raise InputError(f"--yaw is {options.yaw}; give degrees.")
 
 
-def _simulator(options: SimulateRecordingOptions) -> RecordingSimulator:
+def _simulator(options: SimulateRecordingsOptions) -> RecordingSimulator:
     camera = Camera(options.width, float(np.deg2rad(options.yaw)), options.mirror)
     array = resolve_array(options.array)
     return options.material.recording_simulator(MovingPeopleConfig(), options.seconds, options.seed, array, camera)
 
 
-def _paths(options: SimulateRecordingOptions, array: MicrophoneArray, name: str) -> tuple[Path, Path, Path]:
+def _paths(options: SimulateRecordingsOptions, array: MicrophoneArray, name: str) -> tuple[Path, Path, Path]:
     """Of audio, labels and video, as STARSS23 has them."""
     audio_format = "foa" if isinstance(array.steering, AmbisonicsKind) else "mic"
     split = f"{options.split}-{SOURCE}"
@@ -139,7 +139,7 @@ def _write_audio(path: Path, recording: SimulatedRecording, rate: int) -> None:
     write_atomically(path, buffer.getvalue())
 
 
-def _write_video(path: Path, recording: SimulatedRecording, options: SimulateRecordingOptions) -> None:
+def _write_video(path: Path, recording: SimulatedRecording, options: SimulateRecordingsOptions) -> None:
     film, rate = recording.film(), options.frame_rate
     seconds = recording.voices.sounding_st.shape[1] / 10
     with open_video(path, options.width, options.width // 2, rate) as writer:

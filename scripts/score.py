@@ -1,7 +1,7 @@
 """Scores the directions found in a recording against its labels; see --help."""
 
 from avssl_pyro.cli.command import run
-from avssl_pyro.cli.score_recording import main
+from avssl_pyro.cli.score import main
 
 if __name__ == "__main__":
     run(main)

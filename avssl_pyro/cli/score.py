@@ -24,7 +24,7 @@ TUNED_DEG = 10.0
 
 
 @dataclass(frozen=True)
-class ScoreRecordingOptions:
+class ScoreOptions:
     """Score directions against labels in every frame of 100 ms, whatever their class."""
 
     labels: Path
@@ -45,7 +45,7 @@ def main(args: Sequence[str] | None = None) -> None:
     Raises:
         InputError: a file cannot be read, or a tolerance is no angle.
     """
-    options = tyro.cli(ScoreRecordingOptions, args=args)
+    options = tyro.cli(ScoreOptions, args=args)
     for tolerance_deg in options.tolerances:
         if not 0 < tolerance_deg <= 180:
             raise InputError(f"--tolerances has {tolerance_deg:g}; give degrees, above 0 and up to 180.")
@@ -75,9 +75,7 @@ def _num_frames(
     return last
 
 
-def _baselines(
-    options: ScoreRecordingOptions, recording: Recording, labelled: Sequence[Azimuths]
-) -> dict[str, list[Azimuths]]:
+def _baselines(options: ScoreOptions, recording: Recording, labelled: Sequence[Azimuths]) -> dict[str, list[Azimuths]]:
     array = resolve_array(options.array)
     check_channels(recording.audio.num_channels, array, str(options.audio))
     ordered = Recording(recording.name, recording.audio, channels=array.channel_indices)

@@ -6,7 +6,7 @@ import pytest
 import soundfile
 
 from avssl_pyro.cli import prepare
-from avssl_pyro.cli.simulate_recording import main
+from avssl_pyro.cli.simulate_recordings import main
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.recordings.starss23 import list_starss
 

@@ -1,7 +1,7 @@
 """Simulates whole 360-degree recordings with labels; see --help."""
 
 from avssl_pyro.cli.command import run
-from avssl_pyro.cli.simulate_recording import main
+from avssl_pyro.cli.simulate_recordings import main
 
 if __name__ == "__main__":
     run(main)
