@@ -42,6 +42,7 @@ LAYERS = [
     {"api"},
     {"benchmarks"},
     {"cli"},
+    {"__main__"},
 ]
 
 

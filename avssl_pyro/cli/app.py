@@ -112,7 +112,8 @@ def _all_options() -> Any:
 
         what: _union(BENCHMARKS)  # type: ignore[valid-type]
 
-    return _union(COMMANDS) | Annotated[Benchmark, tyro.conf.subcommand(name="benchmark")]
+    benchmark: Any = Annotated[Benchmark, tyro.conf.subcommand(name="benchmark")]
+    return _union(COMMANDS) | benchmark
 
 
 def _union(commands: Mapping[str, Command]) -> Any:
