@@ -3,8 +3,10 @@
 import difflib
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
+from functools import reduce
 from importlib import import_module
+from operator import or_
 from typing import Annotated, Any
 
 import tyro
@@ -106,22 +108,17 @@ def _help(commands: Mapping[str, Command], program: str) -> str:
 def _all_options() -> Any:
     """The options of all commands as one type, from which tyro writes the completion of a shell."""
 
-    @dataclass(frozen=True)
-    class Benchmark:
-        """Measures speed, accuracy and calibration."""
-
-        what: _union(BENCHMARKS)  # type: ignore[valid-type]
-
-    benchmark: Any = Annotated[Benchmark, tyro.conf.subcommand(name="benchmark")]
-    return _union(COMMANDS) | benchmark
+    benchmark = make_dataclass("Benchmark", [("what", _union(BENCHMARKS))], frozen=True)
+    return _union(COMMANDS) | _named("benchmark", benchmark)
 
 
 def _union(commands: Mapping[str, Command]) -> Any:
-    union: Any = None
-    for name, command in commands.items():
-        kind = Annotated[command.load(command.options), tyro.conf.subcommand(name=name, prefix_name=False)]
-        union = kind if union is None else union | kind
-    return union
+    kinds = [_named(name, command.load(command.options)) for name, command in commands.items()]
+    return reduce(or_, kinds)
+
+
+def _named(name: str, kind: type) -> Any:
+    return Annotated[kind, tyro.conf.subcommand(name=name, prefix_name=False)]
 
 
 def entry_point() -> None:
