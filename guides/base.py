@@ -1,22 +1,18 @@
-"""What the guides have in common: the posterior of direction weights given the picture, q(w | image)."""
+"""What all guides share: their parameters, the interfaces to them, and guides that are fitted clip by clip."""
 
-import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import NamedTuple, Protocol, Self
 
+import pyro
 import pyro.distributions as dist
 import torch
-import torch.nn.functional as F
-from pyro.nn import PyroModule
+from pyro.distributions import TorchDistribution
 from torch import Tensor, nn
-
-from avssl_pyro.networks.visual import VisualNet
-
-# exp(+-20) spans more than any array resolves, and keeps products of weights inside float32.
-LOG_WEIGHT_LIMIT = 20.0
 
 
 class GuideParameters(NamedTuple):
-    """Variational parameters of a batch of clips, at the mean of w as used for localization.
+    """Variational parameters of a batch of clips, with levels at the mean of w as in localization.
 
     Args:
         mu_bkd: means of log w, (B, K, D).
@@ -32,7 +28,7 @@ class GuideParameters(NamedTuple):
 
 
 class Initializer(Protocol):
-    """Anything that says where to look first: a trained guide, or a rule of thumb. It has to be a torch module."""
+    """Start of a refinement: a trained guide or a fixed rule. It has to be a torch module."""
 
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
         """Log-weights mu_bkd and activation maps (B, K, I', J') of images (B, 3, I, J)."""
@@ -40,7 +36,7 @@ class Initializer(Protocol):
 
 
 class PosteriorGuide(Protocol):
-    """A guide as localization sees it; every guide of this package is one, and each is a torch module."""
+    """Interface of every guide in this package to localization; each is a torch module."""
 
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
         """Variational parameters of spectrograms (B, F, M, T) and images (B, 3, I, J)."""
@@ -55,36 +51,51 @@ class PosteriorGuide(Protocol):
         ...
 
 
-class DirectionGuide(PyroModule):
-    """q(w | image) = LogNormal(mu, sigma_k^2) with mu from the visual network and sigma_k learned.
+class FixedGuide(nn.Module):
+    """q(w) q(pi | w) of B clips whose posterior is known; the inputs of a call are ignored.
 
     Args:
-        visual: maps an image to log-weights mu_bkd.
-        initial_sigma: sigma_k before training.
-        diffuse_class: add a class that looks everywhere alike, for diffuse noise; without it, some of the visual
-            network's classes have to become that, and no longer follow objects.
+        parameters: variational parameters of the clips.
+        direction_posterior: q(w), batch_shape (B,), event_shape (K, D); by default LogNormal(mu, sigma^2).
+        level_posterior: function from w to q(pi | w), event_shape (K,); by default Dir(concentration).
     """
 
-    def __init__(self, visual: VisualNet, initial_sigma: float = 0.3, diffuse_class: bool = False) -> None:
+    fits_each_clip = True
+
+    def __init__(
+        self,
+        parameters: GuideParameters,
+        direction_posterior: TorchDistribution | None = None,
+        level_posterior: Callable[[Tensor], TorchDistribution] | None = None,
+    ) -> None:
         super().__init__()
-        self.visual = visual
-        self.diffuse_class = diffuse_class
-        self.num_sources = visual.num_sources + diffuse_class
-        self.log_sigma_k = nn.Parameter(torch.full((self.num_sources,), math.log(initial_sigma)))
+        self._parameters_of_clips = parameters
+        mu_bkd, sigma_bkd, concentration_bk, _ = parameters
+        self._direction_posterior = direction_posterior or dist.LogNormal(mu_bkd, sigma_bkd).to_event(2)
+        self._level_posterior = level_posterior or (lambda _: dist.Dirichlet(concentration_bk))
 
-    def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
-        """mu_bkd and the 2-D activation maps it was pooled from."""
-        mu_bkd, activation_bkij = self.visual(image_bcij)
-        mu_bkd = mu_bkd.to(self.log_sigma_k.dtype).clamp(-LOG_WEIGHT_LIMIT, LOG_WEIGHT_LIMIT)
-        if self.diffuse_class:
-            mu_bkd = F.pad(mu_bkd, (0, 0, 0, 1))
-            activation_bkij = F.pad(activation_bkij, (0, 0, 0, 0, 0, 1))
-        return mu_bkd, activation_bkij
+    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:  # noqa: ARG002
+        with pyro.plate("clip", len(self._parameters_of_clips.mu_bkd), dim=-1):
+            w_bkd = pyro.sample("direction_weights", self._direction_posterior)
+            pyro.sample("mixing_levels", self._level_posterior(w_bkd))
 
-    def sigma(self, mu_bkd: Tensor) -> Tensor:
-        """sigma_k spread over clips and directions, (B, K, D)."""
-        return self.log_sigma_k.exp()[:, None].expand_as(mu_bkd)
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:  # noqa: ARG002
+        """The known parameters."""
+        return self._parameters_of_clips
 
-    def direction_posterior(self, mu_bkd: Tensor) -> dist.TorchDistribution:
-        """q(w | image), batch_shape (B,), event_shape (K, D)."""
-        return dist.LogNormal(mu_bkd, self.sigma(mu_bkd)).to_event(2)
+
+class ClipFittedGuide(nn.Module, ABC):
+    """A guide fitted to each clip alone: a call fits it anew, :meth:`fitted_to` keeps the fit."""
+
+    fits_each_clip = True
+
+    @abstractmethod
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FixedGuide:
+        """Fits the guide to spectrograms (B, F, M, T) and images (B, 3, I, J)."""
+
+    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
+        self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
+
+    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
+        """The fitted posterior's parameters."""
+        return self.fitted_to(x_bfmt, image_bcij).parameters_of(x_bfmt, image_bcij)

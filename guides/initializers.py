@@ -1,4 +1,4 @@
-"""Where to start refining without a picture: broad lobes around the circle, equally loud."""
+"""Initial log-weights for refinement without a picture: broad lobes around the circle."""
 
 import math
 
@@ -7,19 +7,19 @@ from torch import Tensor, nn
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 
-# Log-weights of a lobe are this times the cosine of the angle from its centre: broad, but enough to break the symmetry.
+# Factor of the cosine of the angle from a lobe's centre: broad, but enough to break the symmetry.
 LOBE_HEIGHT = 2.0
 
 
 class UninformedInitializer(nn.Module):
-    """A start of :class:`avssl_pyro.guides.refined.RefinedGuide` that knows neither the picture nor the recording.
+    """Start of :class:`avssl_pyro.guides.refined.RefinedGuide` that uses neither the picture nor the recording.
 
-    Every class but the last looks at a sector of its own; the last looks everywhere alike, for diffuse noise. A start
-    that is flat altogether would stay flat, for equal classes are moved equally.
+    Every class but the last covers one sector; the last covers all directions equally, for diffuse noise. A flat start
+    of all classes would stay flat, because equal classes get equal updates.
 
     Args:
-        num_sources: K, source classes including the one for diffuse noise; a single class is a lobe.
-        grid: the D directions.
+        num_sources: number of classes K, the one for diffuse noise included; a single class is a lobe.
+        grid: grid of the D directions.
     """
 
     def __init__(self, num_sources: int, grid: DirectionGrid) -> None:
@@ -34,6 +34,6 @@ class UninformedInitializer(nn.Module):
         self.register_buffer("mu_kd", mu_kd, persistent=False)
 
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
-        """The same log-weights for every clip; the activation maps are flat, (B, K, 1, D)."""
+        """The same log-weights for every clip, and flat activation maps (B, K, 1, D)."""
         mu_bkd = self.mu_kd.expand(len(image_bcij), -1, -1)
         return mu_bkd, torch.zeros_like(mu_bkd)[:, :, None]

@@ -1,11 +1,11 @@
 """The reference posterior of one clip: Hamiltonian Monte Carlo (NUTS, Hoffman and Gelman 2014) by Pyro's kernel.
 
-It is slow, exact in the limit, and knows no family of distributions; what a guide says can be held against it. Two
-things of the model deserve attention. The likelihood does not depend on the scale of each w_k: there the posterior is
-the prior, wide but well behaved. And it does not depend on the order of the classes: there are K! equal copies of every
-mode. Chains start at the same answer of a guide, and between well separated classes they never cross from one copy to
-another, so that draws may be averaged class by class; where classes are alike or empty they do cross, and only what
-does not depend on the order means anything: sorted levels, the power from a sector.
+It is slow, exact in the limit, and free of distribution families: a reference for the guides. Two properties of the
+model matter. First, the likelihood does not depend on the scale of each w_k; along it the posterior is the prior, wide
+but well behaved. Second, the likelihood does not depend on the order of the classes, so every mode has K! equal copies.
+Chains start at the same point, the posterior of a guide. Between well separated classes they never cross from one copy
+to another, and draws may be averaged class by class. Where classes are alike or empty they do cross, and only
+quantities that do not depend on the order are meaningful: sorted levels, the power from a sector.
 """
 
 import copy
@@ -23,28 +23,27 @@ from tqdm import tqdm
 
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.base import GuideParameters
-from avssl_pyro.guides.fixed import FixedGuide
-from avssl_pyro.guides.per_clip import AnyGuide, dirichlet_of_moments
+from avssl_pyro.guides.base import ClipFittedGuide, FixedGuide, GuideParameters, PosteriorGuide
+from avssl_pyro.guides.per_clip import dirichlet_of_moments
 from avssl_pyro.guides.posterior_draws import PosteriorDraws
 from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
 
-# Chains start so many of the start's standard deviations away from it: apart, but in the same copy of the mode.
+# Distance of chains from the start in standard deviations: apart, but in the same copy of the mode.
 JITTER = 0.5
 
 
 @dataclass(frozen=True)
 class NutsConfig:
-    """How long and how carefully to sample.
+    """Length and accuracy of the sampling.
 
     Args:
-        draws: of every chain, after its warm-up.
-        warmup: steps that adapt step size and mass matrix and are thrown away.
-        chains: run one after the other.
-        max_tree_depth: a draw costs at most 2^depth gradients.
-        target_accept: higher means smaller steps.
-        seed: of the first chain; the others count up.
-        progress: show a bar.
+        draws: draws of every chain after its warm-up.
+        warmup: discarded steps that adapt step size and mass matrix.
+        chains: number of chains, run one after the other.
+        max_tree_depth: depth of the trajectory tree; a draw costs at most 2^depth gradients.
+        target_accept: acceptance rate; higher means smaller steps.
+        seed: seed of the first chain; the others count up.
+        progress: whether a bar is shown.
     """
 
     draws: int = 250
@@ -68,10 +67,9 @@ class NutsDraws(PosteriorDraws):
     """Draws of all chains, one chain after the other.
 
     Args:
-        chains: how many.
-        diverging_s: whether the draw's trajectory diverged, (S,); more than a few mean that the draws are not to be
-            trusted.
-        gradients: how many were computed, warm-up included.
+        chains: number of chains.
+        diverging_s: whether the draw's trajectory diverged, (S,); more than a few make the draws unreliable.
+        gradients: number of gradients computed, warm-up included.
     """
 
     chains: int
@@ -111,34 +109,34 @@ class NutsDraws(PosteriorDraws):
 
 
 def sample_posterior(
-    start: AnyGuide, model: nn.Module, x_fmt: Tensor, image_cij: Tensor, config: NutsConfig | None = None
+    start: PosteriorGuide, model: nn.Module, x_fmt: Tensor, image_cij: Tensor, config: NutsConfig | None = None
 ) -> NutsDraws:
     """Draws from p(w, pi | x) of one clip, in double precision.
 
     Args:
-        start: a guide; chains begin near its answer, and its spread is the scale of the first mass matrix.
-        model: any with the latent sites of ``SpatialCGMM``.
+        start: guide; chains begin near its mean, and its spread is the scale of the first mass matrix.
+        model: model with the latent sites of ``SpatialCGMM``.
         x_fmt: spectrogram, complex (F, M, T).
         image_cij: picture, (3, I, J).
-        config: how long.
+        config: length and accuracy.
     """
     (draws,) = sample_posteriors(start, model, x_fmt[None], image_cij[None], config)
     return draws
 
 
 def sample_posteriors(
-    start: AnyGuide, model: nn.Module, x_bfmt: Tensor, image_bcij: Tensor, config: NutsConfig | None = None
+    start: PosteriorGuide, model: nn.Module, x_bfmt: Tensor, image_bcij: Tensor, config: NutsConfig | None = None
 ) -> list[NutsDraws]:
     """Draws of several clips at once, as :func:`sample_posterior` of each.
 
-    Clips know nothing of each other, so that a trajectory in the product of their posteriors is one in each. Its steps
-    are somewhat shorter, but for small clips a gradient of many costs little more than one of a single clip. Steps,
-    gradients and divergences are those of all clips together.
+    Clips are independent, so a trajectory in the product of their posteriors is one in each. Its steps are somewhat
+    shorter, but for small clips a gradient of many costs little more than one of a single clip. Steps, gradients and
+    divergences are those of all clips together.
     """
     config = NutsConfig() if config is None else config
     with torch.no_grad(), poutine.block():
         answer = start.parameters_of(x_bfmt, image_bcij)
-    # The log-likelihood has five to seven digits before the point, and acceptance asks for one after it.
+    # The log-likelihood has five to seven digits before the point, and acceptance depends on one after it.
     origin = log_normal_and_dirichlet(*(value.double() for value in answer[:3]))
     potential = ClipPotential(model, origin, x_bfmt, image_bcij)
     chains = [_run_chain(potential, config, chain) for chain in range(config.chains)]
@@ -151,30 +149,21 @@ def sample_posteriors(
     ]
 
 
-class NutsGuide(nn.Module):
+class NutsGuide(ClipFittedGuide):
     """NUTS as a guide: log-normal weights and Dirichlet levels with the moments of its draws, clip by clip.
 
     Args:
         start, model, config: as of :func:`sample_posterior`.
     """
 
-    fits_each_clip = True
-
-    def __init__(self, start: AnyGuide, model: nn.Module, config: NutsConfig | None = None) -> None:
+    def __init__(self, start: PosteriorGuide, model: nn.Module, config: NutsConfig | None = None) -> None:
         super().__init__()
         self.model = model
         self.start = start
         self.config = NutsConfig() if config is None else config
 
-    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
-        self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
-
     def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FixedGuide:
-        """A guide of these clips, to be used more than once without sampling again."""
-        return FixedGuide(self.parameters_of(x_bfmt, image_bcij))
-
-    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
-        """The draws' moments; activation maps are those of the start."""
+        """Samples the posterior of these clips; activation maps are those of the start."""
         with torch.no_grad(), poutine.block():
             start = self.start.parameters_of(x_bfmt, image_bcij)
         draws = []
@@ -184,15 +173,15 @@ class NutsGuide(nn.Module):
         mu_bkd, sigma_bkd, concentration_bk = (
             torch.stack(values).to(start.mu_bkd) for values in zip(*(clip.moments() for clip in draws), strict=True)
         )
-        return GuideParameters(mu_bkd, sigma_bkd, concentration_bk, start.activation_bkij)
+        return FixedGuide(GuideParameters(mu_bkd, sigma_bkd, concentration_bk, start.activation_bkij))
 
 
 class ClipPotential:
-    """-log p(x, w, pi) of clips over their unconstrained latents, which are counted in the origin's spreads.
+    """-log p(x, w, pi) of clips over their unconstrained latents, in units of the origin's spreads.
 
     Args:
         model, x_bfmt, image_bcij: as of :func:`sample_posteriors`; the model is copied in double precision.
-        origin: where the latents are 0, and how wide 1 is.
+        origin: Gaussian whose mean is the zero of the latents and whose spread is their unit.
     """
 
     def __init__(self, model: nn.Module, origin: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor) -> None:
@@ -218,7 +207,7 @@ class ClipPotential:
 def _run_chain(potential: ClipPotential, config: NutsConfig, chain: int) -> tuple[Tensor, Tensor]:
     """Draws (S, B, N) of one chain, and which of them diverged."""
     zero_bn = torch.zeros_like(potential.origin.loc_bn)
-    # Far trajectories leave what distributions accept; that is what rejection is for.
+    # Far trajectories leave the support of distributions and are rejected.
     with (
         poutine.block(),
         pyro.validation_enabled(False),

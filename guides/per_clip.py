@@ -1,22 +1,21 @@
-"""Guides fitted to single scenes by Pyro's autoguides, started at another guide's answer.
+"""Guides fitted to single clips by gradients (Pyro's autoguides), started at another guide's posterior.
 
-Nothing is amortised, and nothing is assumed of the model but its two latent sites, so any priors and any likelihood may
-be behind them. Mean field asks how far each latent alone may move; low rank knows, too, which of them trade places.
+They need the model's two latent sites only, so they work with any priors and any likelihood. Mean field fits each
+latent apart; low rank adds correlations between latents.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import pyro
 import torch
 from pyro import poutine
 from pyro.infer import Trace_ELBO
-from torch import Tensor, nn
+from torch import Tensor
 
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
-from avssl_pyro.guides.base import GuideParameters
+from avssl_pyro.guides.base import ClipFittedGuide, FixedGuide, GuideParameters, PosteriorGuide
 from avssl_pyro.guides.gaussian_families import ClipModel, GaussianFamily, MeanField
 from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
@@ -24,26 +23,18 @@ from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 # The last step of Adam relative to the first.
 LAST_STEP = 0.05
 LEVEL_DRAWS = 2000
-# Log-weights begin so much narrower than their start, for the means to settle while draws are close to them.
+# Initial spread of log-weights relative to the start: means settle faster while draws are close to them.
 FIRST_SPREAD = 0.3
-
-
-class AnyGuide(Protocol):
-    """What a guide is started from; it has to be a torch module."""
-
-    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
-        """The posterior's parameters of a batch of clips."""
-        ...
 
 
 @dataclass(frozen=True)
 class PerClipConfig:
-    """How a guide is fitted to a scene.
+    """Settings of the optimiser.
 
     Args:
-        steps: of Adam, one draw of the latents each.
-        learning_rate: of the first step; it falls to a twentieth.
-        seed: of the draws, the same for every clip.
+        steps: steps of Adam, one draw of the latents each.
+        learning_rate: learning rate of the first step; it falls to a twentieth.
+        seed: seed of the draws, the same for every clip.
     """
 
     steps: int = 100
@@ -57,50 +48,17 @@ class PerClipConfig:
             raise InputError(f"PerClipConfig: learning_rate is {self.learning_rate}; it must be positive.")
 
 
-class FittedGuide(nn.Module):
-    """A guide of the very clips it was fitted to; ``x_bfmt`` and ``image_bcij`` are not looked at again.
+class PerClipGuide(ClipFittedGuide):
+    """q(w, pi) of every clip fitted to that clip alone, under any model.
+
+    Clips are fitted one by one with the same draws, so that no result depends on its batch.
 
     Args:
-        posterior: of B clips.
-        activation_bkij: activation maps of the guide it was started from, (B, K, I', J').
-        seed: of the draws behind the levels' concentrations.
-    """
-
-    fits_each_clip = True
-
-    def __init__(self, posterior: UnconstrainedGaussian, activation_bkij: Tensor, seed: int = 0) -> None:
-        super().__init__()
-        self.posterior = posterior
-        self.activation_bkij = activation_bkij
-        self.seed = seed
-
-    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:  # noqa: ARG002
-        with pyro.plate("clip", len(self.posterior.loc_bn), dim=-1):
-            w_bkd = pyro.sample("direction_weights", self.posterior.direction_posterior())
-            pyro.sample("mixing_levels", self.posterior.level_posterior(w_bkd))
-
-    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:  # noqa: ARG002
-        """Means and standard deviations of log w, and the Dirichlet with the levels' means and summed variance."""
-        posterior = self.posterior
-        with seeded(self.seed, posterior.loc_bn.device):
-            w_sbkd = posterior.direction_posterior().sample((LEVEL_DRAWS,))
-            level_sbk = posterior.level_posterior(w_sbkd).sample()
-        concentration_bk = dirichlet_of_moments(level_sbk)
-        return GuideParameters(posterior.mu_bkd, posterior.sigma_bkd, concentration_bk, self.activation_bkij)
-
-
-class PerClipGuide(nn.Module):
-    """q(w, pi) of every clip fitted to that clip alone, under whatever model.
-
-    Clips are fitted one by one with the same draws, so that none depends on its batch. Drawing from the guide fits
-    it anew; where it is used more than once on the same clips, keep what :meth:`fitted_to` returns.
-
-    Args:
-        start: the guide whose answer is the start; it is not changed.
-        model: of which the posterior is wanted; its latent sites must be those of ``SpatialCGMM``. Its parameters, if
-            it has any, are those of a module; Pyro's global store is not looked into.
+        start: guide whose posterior is the start; it is not changed.
+        model: model with the latent sites of ``SpatialCGMM``. Parameters, if any, are those of a module; Pyro's global
+            store is not used.
         family: ``MeanField()`` or ``LowRank(rank)``.
-        config: how to fit.
+        config: settings of the optimiser.
 
     Raises:
         InputError: the model's masks are explicit.
@@ -111,11 +69,9 @@ class PerClipGuide(nn.Module):
     True
     """
 
-    fits_each_clip = True
-
     def __init__(
         self,
-        start: AnyGuide,
+        start: PosteriorGuide,
         model: ClipModel,
         family: GaussianFamily = MeanField(),  # noqa: B008
         config: PerClipConfig = PerClipConfig(),
@@ -136,15 +92,8 @@ class PerClipGuide(nn.Module):
         self.family = family
         self.config = config
 
-    def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:
-        self.fitted_to(x_bfmt, image_bcij)(x_bfmt, image_bcij)
-
-    def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
-        """The fitted posterior's parameters."""
-        return self.fitted_to(x_bfmt, image_bcij).parameters_of(x_bfmt, image_bcij)
-
-    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FittedGuide:
-        """A guide of these clips.
+    def fitted_to(self, x_bfmt: Tensor, image_bcij: Tensor) -> FixedGuide:
+        """Fits the guide to these clips.
 
         Raises:
             InputError: the model has other latent sites than ``direction_weights`` and ``mixing_levels``.
@@ -153,7 +102,15 @@ class PerClipGuide(nn.Module):
             start = self.start.parameters_of(x_bfmt, image_bcij)
         gaussian = log_normal_and_dirichlet(start.mu_bkd, FIRST_SPREAD * start.sigma_bkd, start.concentration_bk)
         fits = [self._fit(gaussian.clip(b), x_bfmt[b : b + 1], image_bcij[b : b + 1]) for b in range(len(start.mu_bkd))]
-        return FittedGuide(UnconstrainedGaussian.stack(fits), start.activation_bkij, self.config.seed)
+        posterior = UnconstrainedGaussian.stack(fits)
+        direction_posterior = posterior.direction_posterior()
+        # Levels are summarised by the Dirichlet with their means and their summed variance.
+        with torch.no_grad(), seeded(self.config.seed, posterior.loc_bn.device):
+            level_sbk = posterior.level_posterior(direction_posterior.sample((LEVEL_DRAWS,))).sample()
+        parameters = GuideParameters(
+            posterior.mu_bkd, posterior.sigma_bkd, dirichlet_of_moments(level_sbk), start.activation_bkij
+        )
+        return FixedGuide(parameters, direction_posterior, posterior.level_posterior)
 
     def _fit(self, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor) -> UnconstrainedGaussian:
         config = self.config

@@ -16,7 +16,6 @@ from torch.distributions import constraints
 from torch.distributions.transforms import ExpTransform
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.distributions.log_ratio import AdditiveLogRatio
 from avssl_pyro.distributions.log_weight_priors import (
     CorrelatedLogWeights,
     GammaLogWeights,
@@ -25,7 +24,7 @@ from avssl_pyro.distributions.log_weight_priors import (
     MixedLogWeights,
     NormalLogWeights,
 )
-from avssl_pyro.distributions.stick_breaking import TruncatedStickBreaking
+from avssl_pyro.distributions.simplex import AdditiveLogRatio, TruncatedStickBreaking
 from avssl_pyro.errors import InputError
 
 

@@ -12,8 +12,7 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.amortized import AmortizedGuide
-from avssl_pyro.guides.uniform_levels import UniformLevelGuide
+from avssl_pyro.guides.amortized import AmortizedGuide, UniformLevelGuide
 from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet

@@ -16,13 +16,12 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.criticism.compatibility import Combination
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.guides.amortized import AmortizedGuide, UniformLevelGuide
 from avssl_pyro.guides.gaussian_families import LowRank, MeanField
 from avssl_pyro.guides.per_clip import PerClipConfig, PerClipGuide
 from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.guides.unconstrained_gaussian import log_normal_and_dirichlet
-from avssl_pyro.guides.uniform_levels import UniformLevelGuide
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, ProfiledGaussian
 from avssl_pyro.models.priors import (

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 from torch.distributions import Beta
 
-from avssl_pyro.distributions.log_ratio import AdditiveLogRatio
-from avssl_pyro.distributions.stick_breaking import TruncatedStickBreaking
+from avssl_pyro.distributions.simplex import AdditiveLogRatio, TruncatedStickBreaking
 from avssl_pyro.models.priors import LevelPrior, LogisticNormal, SparseDirichlet, StickBreaking, SymmetricDirichlet
 
 LIKE = torch.zeros((), dtype=torch.float64)

@@ -11,9 +11,7 @@ from torch import Tensor, nn
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering import FreeField
-from avssl_pyro.guides.amortized import LEAST_CONCENTRATION, AmortizedGuide
-from avssl_pyro.guides.base import LOG_WEIGHT_LIMIT
-from avssl_pyro.guides.uniform_levels import UniformLevelGuide
+from avssl_pyro.guides.amortized import LEAST_CONCENTRATION, LOG_WEIGHT_LIMIT, AmortizedGuide, UniformLevelGuide
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
 from avssl_pyro.networks.visual import VisualNet

@@ -1,21 +1,51 @@
-"""Levels broken off a stick one after another: a Dirichlet process cut off after K classes."""
+"""Distributions of mixing levels on the simplex: log-ratios and stick breaking."""
 
 from typing import Any, ClassVar
 
 import torch
+import torch.nn.functional as F
 from pyro.distributions import Beta, TorchDistribution
 from torch import Size, Tensor
-from torch.distributions import constraints
+from torch.distributions import Transform, constraints
+
+
+class AdditiveLogRatio(Transform):
+    """y in R^(K-1) to pi = softmax(y_1, ..., y_(K-1), 0), a bijection onto the simplex (Aitchison 1986)."""
+
+    domain = constraints.independent(constraints.real, 1)
+    codomain = constraints.simplex
+    bijective = True
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, AdditiveLogRatio)
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def _call(self, x: Tensor) -> Tensor:
+        return F.pad(x, (0, 1)).softmax(-1)
+
+    def _inverse(self, y: Tensor) -> Tensor:
+        log_y = y.clamp_min(torch.finfo(y.dtype).tiny).log()
+        return log_y[..., :-1] - log_y[..., -1:]
+
+    def log_abs_det_jacobian(self, x: Tensor, y: Tensor) -> Tensor:  # noqa: ARG002
+        return F.pad(x, (0, 1)).log_softmax(-1).sum(-1)
+
+    def forward_shape(self, shape: Any) -> torch.Size:
+        return torch.Size([*shape[:-1], shape[-1] + 1])
+
+    def inverse_shape(self, shape: Any) -> torch.Size:
+        return torch.Size([*shape[:-1], shape[-1] - 1])
 
 
 class TruncatedStickBreaking(TorchDistribution):
-    """pi_k = v_k prod_j<k (1 - v_j) with v_k ~ Beta(1, concentration); the last class takes what is left.
+    """pi_k = v_k prod_j<k (1 - v_j) with v_k ~ Beta(1, concentration); the last class takes the rest.
 
     With the remainders r_k = sum_j>=k pi_j the density is concentration^(K-1) r_K^(concentration - 1) / prod_1<k<K r_k.
 
     Args:
-        concentration: positive, (B...); the smaller, the sooner the stick is used up.
-        num_sources: K.
+        concentration: positive concentration, (B...); the smaller, the larger the first classes.
+        num_sources: number of classes K.
     """
 
     arg_constraints: ClassVar[dict[str, constraints.Constraint]] = {"concentration": constraints.positive}
