@@ -10,7 +10,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.training.config import PRESETS, TrainingConfig
 from avssl_pyro.training.run import run_training
 from avssl_pyro.training.svi import CHECKPOINT_NAME
-from avssl_pyro.viz.curves import save_run_curves
+from avssl_pyro.viz.plots import save_run_curves
 
 
 def train(

@@ -1,26 +1,32 @@
-"""Priors, likelihoods and guides beside each other on the same clips: what each finds, and how good its bound is."""
+"""Priors, likelihoods and guides on the same clips: scores, evidence lower bounds and times."""
 
 import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from torch import Tensor, nn
 
-from avssl_pyro.benchmarks.comparison import Scene, tune_and_decide
-from avssl_pyro.benchmarks.comparison import observe as observe_all
-from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
+from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.benchmarks.cache import ResultCache
+from avssl_pyro.benchmarks.comparison import LabeledClip, observe_scenes, tune_and_decide
+from avssl_pyro.benchmarks.result_tables import HEADLINE_TOLERANCE_DEG
 from avssl_pyro.criticism.compatibility import Combination, sampled_elbo
+from avssl_pyro.datasets.labeled_scenes import LabeledScenes
 from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
 from avssl_pyro.distributions.seeded import seeded
+from avssl_pyro.evaluation.methods import PosteriorMethod
 from avssl_pyro.evaluation.metrics import bootstrap_count_accuracy, bootstrap_f_measure, evaluate
-from avssl_pyro.evaluation.tables import HEADLINE_TOLERANCE_DEG
+from avssl_pyro.evaluation.tables import Column, Table
 from avssl_pyro.guides.base import GuideParameters
 from avssl_pyro.guides.gaussian_families import LowRank, MeanField
 from avssl_pyro.guides.per_clip import PerClipConfig, PerClipGuide
 from avssl_pyro.guides.refined import RefinedGuide
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, Likelihood, ProfiledGaussian
 from avssl_pyro.models.priors import (
@@ -37,43 +43,46 @@ from avssl_pyro.models.priors import (
     SymmetricDirichlet,
 )
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+from avssl_pyro.systems.checkpoint import fingerprint
 from avssl_pyro.systems.system import System
 
 ELBO_DRAWS = 8
 CLIPS_AT_A_TIME = 16
-PER_SCENE = PerClipConfig(steps=60)
+# Counted up when the same settings lead to other numbers.
+FORMAT = "avssl-combination/3"
+PER_CLIP = PerClipConfig(steps=60)
 
 GuideMaker = Callable[[System, SpatialCGMM], Any]
 
 
 def amortized(system: System, model: SpatialCGMM) -> nn.Module:  # noqa: ARG001
-    """The networks' own answer, whatever the model."""
+    """Forward pass of the networks, whatever the model."""
     guide: nn.Module = system.guide
     return guide
 
 
 def refined(system: System, model: SpatialCGMM) -> RefinedGuide:
-    """Closed-form ascent of the model's posterior from the networks' directions."""
+    """MAP-EM of the model's posterior from the networks' directions."""
     return RefinedGuide(system.guide, model)
 
 
 def mean_field(system: System, model: SpatialCGMM) -> PerClipGuide:
     """Pyro's AutoNormal, from the refined posterior of the system's own model."""
-    return PerClipGuide(RefinedGuide(system.guide, system.model), model, MeanField(), PER_SCENE)
+    return PerClipGuide(RefinedGuide(system.guide, system.model), model, MeanField(), PER_CLIP)
 
 
 def low_rank(system: System, model: SpatialCGMM) -> PerClipGuide:
-    """Pyro's AutoLowRankMultivariateNormal, from the same start."""
-    return PerClipGuide(RefinedGuide(system.guide, system.model), model, LowRank(), PER_SCENE)
+    """Pyro's AutoLowRankMultivariateNormal, from the same posterior."""
+    return PerClipGuide(RefinedGuide(system.guide, system.model), model, LowRank(), PER_CLIP)
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """A model and a guide by what they are made of.
+    """Parts of a model and a guide.
 
     Args:
-        levels, directions, likelihood: of the model; the rest of it is the system's.
-        guide: makes the guide.
+        levels, directions, likelihood: parts of the model; the rest of it is the system's.
+        guide: constructor of the guide.
     """
 
     levels: LevelPrior = field(default_factory=SparseDirichlet)
@@ -83,7 +92,7 @@ class Recipe:
 
     @property
     def words(self) -> tuple[str, str, str, str]:
-        """Guide, priors and likelihood as a table shows them."""
+        """Names of guide, priors and likelihood in tables."""
         return self.guide.__name__.replace("_", " "), str(self.levels), str(self.directions), str(self.likelihood)
 
     def build(self, system: System) -> Combination:
@@ -121,16 +130,16 @@ RECIPES = (
 
 @dataclass(frozen=True)
 class CombinationRow:
-    """How one recipe did.
+    """Results of one recipe.
 
     Args:
-        guide, levels, directions, likelihood: what it was made of.
-        f_measure, f_low, f_high: at the headline tolerance, with a 95 % interval.
-        count_accuracy, count_low, count_high: share of clips with the right number of sources.
-        elbo: mean evidence lower bound above the likelihood of noise from nowhere, nats per time-frequency bin; only
+        guide, levels, directions, likelihood: names of its parts.
+        f_measure, f_low, f_high: F-measure at the headline tolerance, with a 95 % interval.
+        count_accuracy, count_low, count_high: share of clips with the right number of sources, likewise.
+        elbo: mean evidence lower bound above the likelihood of isotropic noise, nats per time-frequency bin; only
             those of one likelihood are comparable.
-        ms_per_clip: of the guide, in batches of sixteen, milliseconds.
-        thresholds: chosen on the validation clips.
+        ms_per_clip: time of the guide, in batches of sixteen, milliseconds.
+        thresholds: thresholds chosen on the validation clips.
     """
 
     guide: str
@@ -149,17 +158,17 @@ class CombinationRow:
 
     @property
     def name(self) -> str:
-        """The guide, and whatever is not as in the paper."""
+        """Name of the guide, and of the parts that differ from the paper's."""
         parts = zip((self.levels, self.directions, self.likelihood), Recipe().words[1:], strict=True)
         return ", ".join([self.guide, *(part for part, usual in parts if part != usual)])
 
 
-class _Watched(nn.Module):
-    """The guide of a combination, whose time is taken and whose ELBO is estimated while it localizes.
+class _MeasuredGuide(nn.Module):
+    """Guide of a combination that measures its time and ELBO while it localizes.
 
     Args:
-        combination: whose guide answers.
-        seed: of the ELBO's draws.
+        combination: combination of the guide.
+        seed: seed of the draws behind ELBOs.
     """
 
     def __init__(self, combination: Combination, seed: int) -> None:
@@ -172,21 +181,21 @@ class _Watched(nn.Module):
 
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:
         start = time.perf_counter()
-        # A guide that fits every clip is fitted once for both uses.
+        # A guide that is fitted to every clip is fitted once for both uses.
         fitted = self.guide.fitted_to(x_bfmt, image_bcij) if hasattr(self.guide, "fitted_to") else self.guide
         parameters: GuideParameters = fitted.parameters_of(x_bfmt, image_bcij)
         self.seconds += time.perf_counter() - start
         with seeded(self._seed + len(self.elbos), x_bfmt.device):
             elbo = replace(self._combination, guide=fitted).elbo(x_bfmt, image_bcij)
         bins = math.prod(x_bfmt.shape[1::2])
-        nowhere = float(isotropic_log_likelihood(observe(x_bfmt)).sum())
-        elbo_gain = elbo / (bins * self._combination.model.bin_weight) - nowhere / bins
+        isotropic = float(isotropic_log_likelihood(observe(x_bfmt)).sum())
+        elbo_gain = elbo / (bins * self._combination.model.bin_weight) - isotropic / bins
         self.elbos += [elbo_gain / len(x_bfmt)] * len(x_bfmt)
         return parameters
 
 
 def run_recipe(
-    recipe: Recipe, system: System, validation: Sequence[Scene], test: Sequence[Scene], seed: int = 0
+    recipe: Recipe, system: System, validation: Sequence[LabeledClip], test: Sequence[LabeledClip], seed: int = 0
 ) -> CombinationRow:
     """Tunes thresholds on the validation scenes, scores the test scenes, and estimates the ELBO of their clips.
 
@@ -196,13 +205,13 @@ def run_recipe(
     combination = recipe.build(system)
     name, grid = "-".join(recipe.words), system.config.grid
     device = system.model.template_pairs.device
-    watched = _Watched(combination, seed)
+    measured = _MeasuredGuide(combination, seed)
     tuning_method, method = (
         PosteriorMethod(name, Localizer(system, device, guide=guide).posteriors, grid, CLIPS_AT_A_TIME)
-        for guide in (combination.guide, watched)
+        for guide in (combination.guide, measured)
     )
-    tuning, testing = observe_all([tuning_method], validation, "validation"), observe_all([method], test, "test")
-    (run,) = tune_and_decide([method], tuning, testing, trivial=()).methods
+    tuning, testing = observe_scenes([tuning_method], validation, "validation"), observe_scenes([method], test, "test")
+    (run,) = tune_and_decide([method], tuning, testing, chance=()).methods
     scores = evaluate(testing.references, run.estimates, np.deg2rad(HEADLINE_TOLERANCE_DEG))
     f_interval = bootstrap_f_measure(scores.tallies, seed)
     count_interval = bootstrap_count_accuracy(scores.tallies, seed)
@@ -215,7 +224,57 @@ def run_recipe(
         count_accuracy=scores.count_accuracy,
         count_low=count_interval.low,
         count_high=count_interval.high,
-        elbo=float(np.mean(watched.elbos)),
-        ms_per_clip=1e3 * watched.seconds / len(test),
+        elbo=float(np.mean(measured.elbos)),
+        ms_per_clip=1e3 * measured.seconds / len(test),
         thresholds=asdict(run.tuned.setting),
     )
+
+
+COLUMNS: tuple[Column[CombinationRow], ...] = (
+    Column("combination", lambda row: row.name),
+    Column("F", lambda row: f"{row.f_measure:.3f} ({row.f_low:.2f}-{row.f_high:.2f})"),
+    Column("count", lambda row: f"{row.count_accuracy:.3f} ({row.count_low:.2f}-{row.count_high:.2f})"),
+    Column("ELBO", lambda row: row.elbo, "{:.4f}"),
+    Column("ms/clip", lambda row: row.ms_per_clip, "{:.0f}"),
+)
+
+
+def run_combinations(
+    recipes: Sequence[Recipe],
+    system: System,
+    sets: tuple[LabeledScenes, LabeledScenes],
+    sizes: tuple[int, int],
+    folder: Path,
+    seed: int = 0,
+) -> Table[CombinationRow]:
+    """Runs what is not yet in ``folder/rows``, and writes ``combinations.json`` and ``combinations.md``.
+
+    Args:
+        recipes: combinations, in order.
+        system: trained system.
+        sets: scenes of validation and test.
+        sizes: largest number of scenes of each.
+        folder: folder of the results.
+        seed: seed of the draws behind ELBOs and intervals.
+
+    Raises:
+        InputError, OSError: a stored row is damaged, or a file cannot be written.
+    """
+    cache = ResultCache(folder / "rows", CombinationRow, FORMAT)
+    settings = {
+        "guides": [RefinementConfig(), PER_CLIP, ELBO_DRAWS],
+        "system": fingerprint(system),
+        "sets": [scenes.fingerprint for scenes in sets],
+        "scenes": sizes,
+        "seed": seed,
+    }
+    validation, test = (scenes[:size] for scenes, size in zip(sets, sizes, strict=True))
+    rows = []
+    for number, recipe in enumerate(recipes, start=1):
+        print(f"{number} of {len(recipes)}: {', '.join(recipe.words)}.", flush=True)
+        facts = {**settings, "recipe": recipe.words}
+        rows.append(cache.get_or_run("row", facts, partial(run_recipe, recipe, system, validation, test, seed)))
+    table = Table(rows, COLUMNS, notes=(f"If not said: {', '.join(Recipe().words[1:])}.",))
+    write_atomically(folder / "combinations.json", table.json().encode())
+    write_atomically(folder / "combinations.md", replace(table, notes=()).markdown().encode())
+    return table

@@ -1,8 +1,8 @@
-"""The comparison: every method tuned on validation scenes, applied to test scenes, and scored beside trivial rows."""
+"""Comparison of methods: tuned on validation scenes, applied to test scenes, and scored."""
 
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Any
 
@@ -10,28 +10,33 @@ import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
 
+from avssl_pyro.benchmarks.result_tables import HEADLINE_TOLERANCE_DEG, ResultRow
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.chance import TRIVIAL_ROWS, TrivialRow
+from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, PEAK_SETTINGS, default_baselines
+from avssl_pyro.evaluation.chance import CHANCE_ROWS, ChanceRow
 from avssl_pyro.evaluation.matching import Matching, gate_then_assign
-from avssl_pyro.evaluation.methods import Method, Tuned, tune
+from avssl_pyro.evaluation.methods import SOURCE_SETTINGS, Method, PosteriorMethod, Tuned, tune
 from avssl_pyro.evaluation.metrics import Azimuths, bootstrap_count_accuracy, bootstrap_f_measure, summarize, tally
-from avssl_pyro.evaluation.tables import HEADLINE_TOLERANCE_DEG, ResultRow
+from avssl_pyro.guides.refinement_config import RefinementConfig
+from avssl_pyro.localization.localizer import Localizer, audio_only_refinement
+from avssl_pyro.systems.checkpoint import fingerprint
+from avssl_pyro.systems.system import System
 
-Scene = tuple[Clip, SceneLabels]
+LabeledClip = tuple[Clip, SceneLabels]
 TOLERANCES_DEG = (5.0, 10.0, 15.0, 20.0)
 SCENES_AT_A_TIME = 64
 
 
 @dataclass(frozen=True)
 class MethodRun:
-    """What one method made of the test scenes.
+    """Estimates of one method for the test scenes.
 
     Args:
-        name: of the method.
+        name: name of the method.
         estimates: azimuths per test clip, radians.
-        tuned: the setting used and its validation scores; None for a trivial row.
-        ms_per_clip: wall-clock time of the observation of a test clip, milliseconds; NaN for a trivial row.
+        tuned: setting used, with its validation scores; None for a chance row.
+        ms_per_clip: wall-clock time of the observation of a test clip, milliseconds; NaN for a chance row.
     """
 
     name: str
@@ -42,7 +47,7 @@ class MethodRun:
 
 @dataclass(frozen=True)
 class Runs:
-    """Runs of several methods over the same test scenes, whose true azimuths are kept per clip, radians."""
+    """Runs of several methods over the same test scenes; the references are true azimuths per clip, radians."""
 
     references: tuple[Azimuths, ...]
     methods: tuple[MethodRun, ...]
@@ -50,10 +55,10 @@ class Runs:
 
 @dataclass(frozen=True)
 class Observations:
-    """What several methods observed on the same scenes.
+    """Observations of several methods on the same scenes.
 
     Args:
-        labels: the truth about each clip.
+        labels: labels of each clip.
         by_method: per method, one observation per clip.
         seconds: per method, wall-clock time of all its observations.
     """
@@ -68,8 +73,8 @@ class Observations:
         return [np.array(labels.talker_azimuths, dtype=np.float64) for labels in self.labels]
 
 
-def observe(methods: Sequence[Method[Any, Any]], scenes: Iterable[Scene], title: str) -> Observations:
-    """Reads the scenes once, a few at a time, and shows their clips, never their labels, to every method.
+def observe_scenes(methods: Sequence[Method[Any, Any]], scenes: Iterable[LabeledClip], title: str) -> Observations:
+    """Observations of every method, which gets clips and never their labels.
 
     Raises:
         InputError: there are no scenes (``title`` names them), or a method cannot read a clip.
@@ -88,7 +93,7 @@ def observe(methods: Sequence[Method[Any, Any]], scenes: Iterable[Scene], title:
                 observed.seconds[index] += time.perf_counter() - start
             bar.update(len(chunk))
     if not observed.labels:
-        raise InputError(f"{title} scenes: there is not a single one; the comparison needs some.")
+        raise InputError(f"{title} scenes: there are none; give at least one.")
     return observed
 
 
@@ -97,14 +102,14 @@ def tune_and_decide(
     tuning: Observations,
     testing: Observations,
     tuning_tolerance_deg: float = HEADLINE_TOLERANCE_DEG,
-    trivial: Sequence[TrivialRow] = TRIVIAL_ROWS,
+    chance: Sequence[ChanceRow] = CHANCE_ROWS,
 ) -> Runs:
-    """Tunes every method on what it observed on validation scenes, and decides on what it observed on test scenes.
+    """Tunes every method on its observations of validation scenes, and decides on those of test scenes.
 
-    Labels of the validation scenes choose the settings; those of the test scenes are handed to trivial rows only.
+    Labels of the validation scenes choose the settings; those of the test scenes are passed to chance rows only.
     """
     known, references = tuning.references, testing.references
-    runs = [MethodRun(row.name, tuple(row.estimate(known, references))) for row in trivial]
+    runs = [MethodRun(row.name, tuple(row.estimate(known, references))) for row in chance]
     for index, method in enumerate(tqdm(methods, desc="thresholds", unit="method", leave=False)):
         tuned = tune(method, tuning.by_method[index], known, np.deg2rad(tuning_tolerance_deg))
         estimates = tuple(method.decide(observation, tuned.setting) for observation in testing.by_method[index])
@@ -114,19 +119,19 @@ def tune_and_decide(
 
 def run_methods(
     methods: Sequence[Method[Any, Any]],
-    validation: Iterable[Scene],
-    test: Iterable[Scene],
+    validation: Iterable[LabeledClip],
+    test: Iterable[LabeledClip],
     tuning_tolerance_deg: float = HEADLINE_TOLERANCE_DEG,
-    trivial: Sequence[TrivialRow] = TRIVIAL_ROWS,
+    chance: Sequence[ChanceRow] = CHANCE_ROWS,
 ) -> Runs:
     """Observes both sets of scenes, then :func:`tune_and_decide`.
 
     Raises:
         InputError: either set is empty, or a method cannot read a clip.
     """
-    tuning = observe(methods, validation, "validation")
-    testing = observe(methods, test, "test")
-    return tune_and_decide(methods, tuning, testing, tuning_tolerance_deg, trivial)
+    tuning = observe_scenes(methods, validation, "validation")
+    testing = observe_scenes(methods, test, "test")
+    return tune_and_decide(methods, tuning, testing, tuning_tolerance_deg, chance)
 
 
 def score_runs(
@@ -169,3 +174,58 @@ def score_runs(
                     )
                 )
     return rows
+
+
+def system_band_hz(system: System) -> tuple[float, float]:
+    """Band of a system's spectrogram, up to and without the next bin, as pyroomacoustics leaves out the upper end."""
+    config = system.config.stft
+    frequencies_f = config.frequencies
+    return float(frequencies_f[0]), float(frequencies_f[-1] + config.sample_rate / config.window)
+
+
+@dataclass(frozen=True)
+class MethodSuite:
+    """Baselines and a trained system on the system's array and grid.
+
+    Args:
+        system: system of the rows ``amortized`` and ``refined``.
+        without_audio: system of the row ``no-audio-net``, with every mixing level at 1/K.
+        refinement: of the rows ``refined`` and ``audio-only refined``; the latter starts without the picture.
+        baseline_band_hz: frequencies that the baselines search.
+        workers: processes of the baselines; None is one per core.
+        device: torch device of the networks.
+    """
+
+    system: System
+    without_audio: System
+    refinement: RefinementConfig
+    baseline_band_hz: tuple[float, float] = DEFAULT_BAND_HZ
+    workers: int | None = 1
+    device: str = "cpu"
+
+    def methods(self) -> list[Method[Any, Any]]:
+        """All methods, fresh."""
+        config = self.system.config
+        grid = config.grid
+        localizers = {
+            "audio-only refined": Localizer(self.system, self.device, refinement=self.refinement, audio_only=True),
+            "no-audio-net": Localizer(self.without_audio, self.device, uniform_levels=True),
+            "amortized": Localizer(self.system, self.device),
+        }
+        localizers["refined"] = Localizer(self.system, self.device, refinement=self.refinement)
+        return [
+            *default_baselines(config.array, grid, self.workers, self.baseline_band_hz),
+            *(PosteriorMethod(name, localizer.posteriors, grid) for name, localizer in localizers.items()),
+        ]
+
+    def settings(self) -> dict[str, Any]:
+        """Everything that determines the estimates of the methods, as JSON values."""
+        return {
+            "system": fingerprint(self.system),
+            "without_audio": fingerprint(self.without_audio),
+            "refinement": asdict(self.refinement),
+            "blind_refinement": asdict(audio_only_refinement(self.refinement)),
+            "baseline_band_hz": list(self.baseline_band_hz),
+            "source_settings": [asdict(setting) for setting in SOURCE_SETTINGS],
+            "peak_settings": [asdict(setting) for setting in PEAK_SETTINGS],
+        }

@@ -1,6 +1,6 @@
-"""Figures printed in the paper's Tables I-III, for two, four and six microphones and two and three talkers.
+"""Figures of the paper's Tables I-III, by microphones and talkers.
 
-They were measured by its authors on simulated scenes of their own, with a tolerance that the paper does not state.
+Its authors measured them on their own simulated scenes, with a tolerance that the paper does not state.
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ MICROPHONES = (2, 4, 6)
 TALKERS = (2, 3)
 PROPOSED = "Proposed"
 
-ConditionResult = tuple[int, int]
+PaperCell = tuple[int, int]
 """Number of microphones and number of talkers."""
 
 
@@ -21,18 +21,18 @@ class PaperTable:
 
     Args:
         number: in Roman numerals, as printed.
-        measure: what it shows.
-        condition: on which scenes.
-        figures: per method, as the paper calls it, and per cell; cells the paper left empty are missing.
+        measure: quantity shown.
+        condition: scenes it was measured on.
+        figures: per method, by the paper's name, and per cell; cells left empty in the paper are missing.
     """
 
     number: str
     measure: str
     condition: str
-    figures: Mapping[str, Mapping[ConditionResult, float]]
+    figures: Mapping[str, Mapping[PaperCell, float]]
 
 
-def _row(*figures: float | None) -> dict[ConditionResult, float]:
+def _row(*figures: float | None) -> dict[PaperCell, float]:
     cells = [(microphones, talkers) for microphones in MICROPHONES for talkers in TALKERS]
     return {cell: figure for cell, figure in zip(cells, figures, strict=True) if figure is not None}
 

@@ -1,19 +1,29 @@
-"""What continuity over time is worth: windows alone, linked to the nearest, and tracked, on the same detections."""
+"""Benefit of tracking: windows alone, linked to the nearest, and tracked, on the same detections.
+
+Detections are drawn around walking talkers, or localized in sound that is rendered in a room.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from math import ceil
 
 import numpy as np
+import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.benchmarks.simulated_detections import DetectorConfig, detect
+from avssl_pyro.clip import SAMPLE_RATE, Clip
+from avssl_pyro.evaluation.tables import Column, Table
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores, tracking_scores
-from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig, draw_moving_talkers
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import LocalizedSource, SourceThresholds, select_sources
+from avssl_pyro.simulation.moving_audio import MovingAudioConfig, render_moving
+from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
 from avssl_pyro.tracking.online import OnlineTracker
 from avssl_pyro.tracking.tracker import TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
 
 Windows = Sequence[WindowDetections]
 Identified = list[dict[int, float]]
+BATCH = 16
 
 
 @dataclass(frozen=True)
@@ -21,8 +31,8 @@ class TrackedRecording:
     """Truth and detections of a recording.
 
     Args:
-        truth: per window, who sounds and where, radians.
-        windows: the detections.
+        truth: azimuths of the sounding talkers per window, by talker, radians.
+        windows: detections.
     """
 
     truth: Sequence[Mapping[int, float]]
@@ -30,11 +40,55 @@ class TrackedRecording:
 
 
 @dataclass(frozen=True)
+class DetectorConfig:
+    """Errors of a simulated localizer.
+
+    Args:
+        std_deg: standard deviation of an azimuth, degrees.
+        miss: share of sounding talkers that are not found.
+        clutter: mean number of false detections in a window, uniform over azimuth.
+        merge_deg: largest angle, degrees, between talkers that are found as one.
+    """
+
+    std_deg: float = 3.0
+    miss: float = 0.12
+    clutter: float = 0.1
+    merge_deg: float = 12.0
+
+
+def draw_detections(talkers: MovingTalkers, config: DetectorConfig, rng: np.random.Generator) -> list[WindowDetections]:
+    """Draws detections of every window: blurred, missed, merged, among clutter."""
+    return [
+        WindowDetections(float(time_s), _window(talkers.window(t), config, rng))
+        for t, time_s in enumerate(talkers.times_s)
+    ]
+
+
+def _window(truth: dict[int, float], config: DetectorConfig, rng: np.random.Generator) -> tuple[LocalizedSource, ...]:
+    found: list[float] = []
+    for azimuth in truth.values():
+        offsets = wrap_angle(azimuth - np.array(found))
+        near = np.flatnonzero(np.abs(offsets) < np.deg2rad(config.merge_deg))
+        if len(near):
+            found[near[0]] += float(offsets[near[0]]) / 2
+        else:
+            found.append(azimuth)
+    kept = [azimuth for azimuth in found if rng.uniform() >= config.miss]
+    azimuths = [azimuth + np.deg2rad(config.std_deg) * rng.standard_normal() for azimuth in kept]
+    azimuths += list(rng.uniform(-np.pi, np.pi, rng.poisson(config.clutter)))
+    level = 0.8 / max(len(azimuths), 1)
+    return tuple(
+        LocalizedSource(float(wrap_angle(azimuth)), np.deg2rad(2.0), level, 0.01, k)
+        for k, azimuth in enumerate(azimuths)
+    )
+
+
+@dataclass(frozen=True)
 class SimulatedRecordings:
     """Recordings drawn without any sound.
 
     Args:
-        talkers, detector: what is drawn.
+        talkers, detector: distributions of talkers and of their detections.
         count: number of recordings.
         seed: recording i depends on the seed and i alone.
     """
@@ -45,23 +99,73 @@ class SimulatedRecordings:
     seed: int = 0
 
     def draw(self, index: int) -> TrackedRecording:
-        """TrackedRecording ``index``."""
+        """Recording ``index``."""
         rng = np.random.default_rng([self.seed, index])
         talkers = draw_moving_talkers(self.talkers, rng)
         truth = [talkers.window(t) for t in range(len(talkers.times_s))]
-        return TrackedRecording(truth, detect(talkers, self.detector, rng))
+        return TrackedRecording(truth, draw_detections(talkers, self.detector, rng))
+
+
+@dataclass(frozen=True)
+class RenderedRecordings:
+    """Walking talkers rendered in a room and localized window by window, by sound alone.
+
+    Args:
+        localizer: localizer; its picture is black.
+        thresholds: conditions under which a source class counts as a detection.
+        talkers, audio: distributions of talkers and of their sound.
+        window_s: length of a window, seconds.
+        count: number of recordings.
+        seed: recording i depends on the seed and i alone.
+    """
+
+    localizer: Localizer
+    thresholds: SourceThresholds = field(default_factory=SourceThresholds)
+    talkers: MovingTalkersConfig = field(default_factory=MovingTalkersConfig)
+    audio: MovingAudioConfig = field(default_factory=MovingAudioConfig)
+    window_s: float = 0.5
+    count: int = 3
+    seed: int = 0
+
+    def draw(self, index: int) -> TrackedRecording:
+        """Recording ``index``; a talker is in the windows that it fills half of, at its azimuth in their middle."""
+        rng = np.random.default_rng([self.seed, index])
+        talkers = draw_moving_talkers(self.talkers, rng)
+        audio_mn = render_moving(talkers, self.localizer.config.array, self.audio, rng)
+        instants = ceil(self.window_s / self.talkers.step_s)
+        starts = range(len(talkers.times_s) - instants + 1)
+        truth = [_truth(talkers, slice(t, t + instants)) for t in starts]
+        return TrackedRecording(truth, self._windows(audio_mn, [float(talkers.times_s[t]) for t in starts]))
+
+    def _windows(self, audio_mn: npt.NDArray[np.float32], starts_s: list[float]) -> list[WindowDetections]:
+        length = round(self.window_s * SAMPLE_RATE)
+        firsts = [round(start_s * SAMPLE_RATE) for start_s in starts_s]
+        clips = [Clip.without_picture(str(first), audio_mn[:, first : first + length]) for first in firsts]
+        batches = [clips[first : first + BATCH] for first in range(0, len(clips), BATCH)]
+        posteriors = [posterior for batch in batches for posterior in self.localizer.posteriors(batch)]
+        grid = self.localizer.config.grid
+        return [
+            WindowDetections(start_s + self.window_s / 2, select_sources(posterior, grid, self.thresholds))
+            for start_s, posterior in zip(starts_s, posteriors, strict=True)
+        ]
+
+
+def _truth(talkers: MovingTalkers, instants: slice) -> dict[int, float]:
+    fills_s = talkers.sounding_st[:, instants].mean(axis=1) >= 0.5
+    middle = (instants.start + instants.stop) // 2
+    return {int(s): float(talkers.azimuths_st[s, middle]) for s in np.flatnonzero(fills_s)}
 
 
 def alone(windows: Windows) -> Identified:
-    """No continuity: the identity of a detection is its place in its own window's list."""
+    """Identities without continuity: the place of a detection in the list of its window."""
     return [{k: source.azimuth for k, source in enumerate(window.sources)} for window in windows]
 
 
 def nearest(windows: Windows, within: float) -> Identified:
-    """Each detection takes the identity of the nearest one of the window before, or else a new one.
+    """Identities of the nearest detection in the window before, or else new ones.
 
     Args:
-        windows: the detections.
+        windows: detections.
         within: largest angle of a link, radians.
     """
     identified: Identified = []
@@ -83,12 +187,12 @@ def nearest(windows: Windows, within: float) -> Identified:
 
 
 def tracked(windows: Windows, config: TrackingConfig) -> Identified:
-    """Tracks given the whole recording."""
+    """Identities of tracks, given the whole recording."""
     return [_identities(found) for found in tracked_sources(windows, track(windows, config), config)]
 
 
 def tracked_live(windows: Windows, config: TrackingConfig, lag: int) -> Identified:
-    """Tracks given ``lag`` later windows."""
+    """Identities of tracks, given ``lag`` later windows."""
     tracker = OnlineTracker(config, step_s=windows[1].time_s - windows[0].time_s, lag=lag)
     answers = [tracker.push(window) for window in windows]
     return [_identities(found) for found in [*answers, *tracker.finish()] if found is not None]
@@ -98,16 +202,16 @@ def _identities(found: Sequence[TrackedSource]) -> dict[int, float]:
     return {source.track_id: source.azimuth for source in found}
 
 
-def compare(
+def compare_links(
     recordings: Sequence[TrackedRecording], config: TrackingConfig, tolerance: float, lag: int
 ) -> dict[str, TrackingScores]:
-    """Scores of every way to link the same detections, by its name.
+    """Scores of every way to link the same detections, by name.
 
     Args:
         recordings: truth and detections.
-        config: of the tracks.
+        config: parameters of the tracks.
         tolerance: largest error that counts as correct, radians.
-        lag: of the live tracks, in windows.
+        lag: lag of the live tracks, in windows.
     """
     ways = {
         "windows alone": alone,
@@ -119,3 +223,18 @@ def compare(
         name: tracking_scores([(one.truth, link(one.windows)) for one in recordings], tolerance)
         for name, link in ways.items()
     }
+
+
+def tracking_table(scores: Mapping[str, TrackingScores], title: str) -> Table[tuple[str, TrackingScores]]:
+    """One line for each way to link detections."""
+    columns: list[Column[tuple[str, TrackingScores]]] = [
+        Column("sources", lambda row: row[0]),
+        Column("F", lambda row: row[1].f_measure, "{:.3f}"),
+        Column("precision", lambda row: row[1].precision, "{:.3f}"),
+        Column("recall", lambda row: row[1].recall, "{:.3f}"),
+        Column("error", lambda row: float(np.rad2deg(row[1].localization_error)), "{:.2f}°"),
+        Column("switches", lambda row: row[1].switches),
+        Column("fragments", lambda row: row[1].fragments),
+        Column("MOTA", lambda row: row[1].mota, "{:.3f}"),
+    ]
+    return Table(list(scores.items()), columns, title)

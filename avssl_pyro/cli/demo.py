@@ -4,18 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from avssl_pyro.benchmarks.gallery import draw_scene
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
-from avssl_pyro.cli.gallery import overlay_of, refining_localizer
 from avssl_pyro.cli.options import parse_options
 from avssl_pyro.datasets.builtin import TEST, default_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.png import save_png
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.training.config import PRESETS, OptimizationConfig
 from avssl_pyro.training.run import run_training
 from avssl_pyro.training.svi import CHECKPOINT_NAME
-from avssl_pyro.viz.curves import save_run_curves
+from avssl_pyro.viz.plots import save_run_curves
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,11 @@ def main(args: Sequence[str] | None = None) -> None:
     )
     system = load_checkpoint(checkpoint)
     test = default_dataset(options.cache, TEST, "some-silent", options.test_scenes, system.config.array)
-    draw_overlays(refining_localizer(system), test, options.overlays, options.out)
+    draw_overlays(Localizer(system, refinement=RefinementConfig()), test, options.overlays, options.out)
     print(f"{options.out}: report.md, curves.png and overlay-*.png are worth a look.")
 
 
 def draw_overlays(localizer: Localizer, dataset: SceneDataset, number: int, folder: Path) -> None:
     """Draws the first ``number`` scenes of a data set with their true azimuths as ``overlay-*.png``."""
     for index in range(min(number, len(dataset))):
-        save_png(folder / f"overlay-{index}.png", overlay_of(localizer, dataset, index))
+        save_png(folder / f"overlay-{index}.png", draw_scene(localizer, dataset, index))

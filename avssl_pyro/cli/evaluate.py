@@ -9,16 +9,15 @@ from typing import Literal
 import tyro
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.benchmarks.comparison import run_methods, score_runs
-from avssl_pyro.benchmarks.method_suite import MethodSuite, system_band_hz
+from avssl_pyro.benchmarks.comparison import MethodSuite, run_methods, score_runs, system_band_hz
+from avssl_pyro.benchmarks.paper import run_paper
+from avssl_pyro.benchmarks.result_tables import print_report, write_report
 from avssl_pyro.cli.options import choose_system
-from avssl_pyro.cli.tables import make_tables
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split, default_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.labeled_scenes import LabeledScenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ
-from avssl_pyro.evaluation.report import print_table, write_report
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.config import MOST_GENERAL, PRETRAINED
@@ -88,17 +87,18 @@ def evaluate_with(options: EvaluateOptions) -> None:
         raise InputError("--sets brings scenes for both; leave out --validation-data and --test-data.")
     if options.tables and (options.validation_data or options.test_data):
         raise InputError("--tables runs both conditions; give --sets instead of --validation-data and --test-data.")
-    line_ups = _line_ups(options)
+    suites = _suites(options)
     if options.tables:
-        make_tables(line_ups, partial(labeled_scenes, options), options.out)
+        run_paper(suites, partial(labeled_scenes, options), options.out).print()
+        print(f"{options.out / 'tables.md'}: written, and tables.json and roc.png beside it.")
         return
-    (line_up,) = line_ups
-    array = line_up.system.config.array
+    (suite,) = suites
+    array = suite.system.config.array
     scenes_of = partial(labeled_scenes, options, options.condition, array=array)
-    runs = run_methods(line_up.methods(), scenes_of(VALIDATION), scenes_of(TEST))
+    runs = run_methods(suite.methods(), scenes_of(VALIDATION), scenes_of(TEST))
     rows = score_runs(runs, options.condition, array.num_microphones)
     write_report(rows, options.out)
-    print_table(rows)
+    print_report(rows)
     print(f"{options.out / 'report.json'}: written, and report.md beside it.")
 
 
@@ -137,7 +137,7 @@ def load_systems(checkpoints: Sequence[Path]) -> list[System]:
     return [by_microphones[microphones] for microphones in sorted(by_microphones)]
 
 
-def _line_ups(options: EvaluateOptions) -> list[MethodSuite]:
+def _suites(options: EvaluateOptions) -> list[MethodSuite]:
     systems = _systems(options)
     without_audio = load_systems(options.no_audio_checkpoint) if options.no_audio_checkpoint else []
     arrays = [system.config.array for system in systems]

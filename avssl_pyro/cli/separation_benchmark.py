@@ -1,36 +1,19 @@
 """Measures how well talkers are separated, on simulated mixtures whose parts are known."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 from tqdm import tqdm
 
-from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.benchmarks.separation import SeparationExperiment
-from avssl_pyro.benchmarks.separation_methods import (
-    DelayAndSumAtTruth,
-    OracleMasks,
-    PosteriorSeparation,
-    SeparationMethod,
-)
-from avssl_pyro.benchmarks.separation_table import separation_table
+from avssl_pyro.benchmarks.separation import SeparationExperiment, separation_table
+from avssl_pyro.benchmarks.separation_methods import BASELINE, OURS, default_methods
 from avssl_pyro.cli.options import AssetOptions, choose_system
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.report import print_tables
-from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
-from avssl_pyro.separation.beamforming import Masking, Mvdr
-from avssl_pyro.separation.separator import SeparationConfig, Separator
 from avssl_pyro.simulation.layout import SOME_SILENT, Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
-from avssl_pyro.systems.system import System
-
-OURS = "refined: Wiener"
-BASELINE = "delay and sum at the truth"
 
 
 @dataclass(frozen=True)
@@ -72,31 +55,7 @@ def main(args: Sequence[str] | None = None) -> None:
         panoramas=options.material.panorama_source(),
         array=array,
     )
-    experiment = SeparationExperiment(simulator, _methods(system, array))
+    experiment = SeparationExperiment(simulator, default_methods(system, array))
     trials = [experiment.run(index) for index in tqdm(range(options.scenes), unit="scene", desc="separating")]
     title = f"{options.array}: SI-SDR improvement in dB, {options.scenes} mixtures of two talkers, seed {options.seed}"
-    print_tables([separation_table(trials, title, OURS, BASELINE)])
-
-
-def _methods(system: System, array: MicrophoneArray) -> list[SeparationMethod]:
-    plain = SeparationConfig()
-    unfitted = SeparationConfig(rounds=0, reverberation=0.0)
-    refined = {
-        OURS: plain,
-        "refined: MVDR": replace(plain, extraction=Mvdr()),
-        "refined: masks alone": replace(plain, extraction=Masking()),
-        "unfitted: Wiener": unfitted,
-        "unfitted: MVDR": replace(unfitted, extraction=Mvdr()),
-        "unfitted: masks alone": replace(unfitted, extraction=Masking()),
-    }
-    one_pass = {"one pass: Wiener": plain, "one pass: MVDR": replace(plain, extraction=Mvdr())}
-
-    def separators(configs: Mapping[str, SeparationConfig]) -> dict[str, Separator]:
-        return {name: Separator(system.config, config) for name, config in configs.items()}
-
-    return [
-        DelayAndSumAtTruth(array, BASELINE),
-        PosteriorSeparation(Localizer(system, refinement=RefinementConfig()), REFINED_THRESHOLDS, separators(refined)),
-        PosteriorSeparation(Localizer(system), ONE_PASS_THRESHOLDS, separators(one_pass)),
-        OracleMasks({"oracle masks: Wiener": plain.extraction, "oracle masks: MVDR": Mvdr()}),
-    ]
+    separation_table(trials, title, OURS, BASELINE).print()

@@ -5,17 +5,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import tyro
-from rich import box
-from rich.console import Console
-from rich.table import Table
 from tqdm import tqdm
 
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.benchmarks.rendered_recordings import RenderedRecordings
-from avssl_pyro.benchmarks.simulated_detections import DetectorConfig
-from avssl_pyro.benchmarks.tracking import SimulatedRecordings, compare
+from avssl_pyro.benchmarks.tracking import (
+    DetectorConfig,
+    RenderedRecordings,
+    SimulatedRecordings,
+    compare_links,
+    tracking_table,
+)
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.tracking_metrics import TrackingScores
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.simulation.moving_audio import MovingAudioConfig
@@ -59,8 +59,9 @@ def main(args: Sequence[str] | None = None) -> None:
         )
     source = _heard(options) if options.heard else _simulated(options)
     recordings = [source.draw(index) for index in tqdm(range(source.count), desc="recordings")]
-    scores = compare(recordings, options.tracking, float(np.deg2rad(options.tolerance_deg)), options.lag)
-    Console().print(_table(scores, options))
+    scores = compare_links(recordings, options.tracking, float(np.deg2rad(options.tolerance_deg)), options.lag)
+    title = f"{options.recordings} recordings of {options.talkers.seconds:g} s, tolerance {options.tolerance_deg:g}°"
+    tracking_table(scores, title).print()
 
 
 def _simulated(options: TrackBenchmarkOptions) -> SimulatedRecordings:
@@ -73,22 +74,3 @@ def _heard(options: TrackBenchmarkOptions) -> RenderedRecordings:
     return RenderedRecordings(
         localizer, talkers=options.talkers, audio=options.audio, count=options.recordings, seed=options.seed
     )
-
-
-def _table(scores: dict[str, TrackingScores], options: TrackBenchmarkOptions) -> Table:
-    title = f"{options.recordings} recordings of {options.talkers.seconds:g} s, tolerance {options.tolerance_deg:g}°"
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    for name in ("sources", "F", "precision", "recall", "error", "switches", "fragments", "MOTA"):
-        table.add_column(name, justify="left" if name == "sources" else "right", no_wrap=name == "sources")
-    for name, row in scores.items():
-        table.add_row(
-            name,
-            f"{row.f_measure:.3f}",
-            f"{row.precision:.3f}",
-            f"{row.recall:.3f}",
-            f"{np.rad2deg(row.localization_error):.2f}°",
-            str(row.switches),
-            str(row.fragments),
-            f"{row.mota:.3f}",
-        )
-    return table

@@ -24,7 +24,7 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parse(args)
     from avssl_pyro.training.divergence import TrainingDivergedError
     from avssl_pyro.training.run import run_training
-    from avssl_pyro.viz.curves import save_run_curves
+    from avssl_pyro.viz.plots import save_run_curves
 
     try:
         checkpoint = run_training(options, on_end=save_run_curves)

@@ -1,4 +1,4 @@
-"""Trivial rows: what a table looks like if nobody listens. Unlike methods they may be told (part of) the truth."""
+"""Chance rows: random azimuths, drawn without the clips. Unlike methods they may use (part of) the truth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ import numpy.typing as npt
 from avssl_pyro.evaluation.metrics import Azimuths
 
 
-class TrivialRow(Protocol):
-    """Makes up azimuths without hearing or seeing a clip."""
+class ChanceRow(Protocol):
+    """Random azimuths, whatever the clip."""
 
     @property
     def name(self) -> str: ...
@@ -30,7 +30,7 @@ def _draw(counts: Sequence[int], seed: int) -> list[Azimuths]:
 
 @dataclass(frozen=True)
 class RandomAtTrueCount:
-    """Uniformly random azimuths, as many as there truly are; its count accuracy is 1 because it was given the count."""
+    """Uniformly random azimuths at the true count, so that its count accuracy is 1."""
 
     seed: int = 0
     name: str = "random"
@@ -44,7 +44,7 @@ class RandomAtTrueCount:
 
 @dataclass(frozen=True)
 class ConstantCount:
-    """Uniformly random azimuths, always as many as are most frequent in the validation scenes."""
+    """Uniformly random azimuths at the most frequent count of the validation scenes."""
 
     seed: int = 0
     name: str = "constant-count"
@@ -56,4 +56,4 @@ class ConstantCount:
         return _draw([mode] * len(references), self.seed)
 
 
-TRIVIAL_ROWS: tuple[TrivialRow, ...] = (RandomAtTrueCount(), ConstantCount())
+CHANCE_ROWS: tuple[ChanceRow, ...] = (RandomAtTrueCount(), ConstantCount())

@@ -1,27 +1,38 @@
-"""What a localization method is to the evaluation: an expensive look at each clip, then a cheap, tunable decision."""
+"""Localization methods as the evaluation sees them: an expensive observation, then a cheap, tunable decision."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice, product
 from typing import Generic, Protocol, TypeVar
 
+import numpy as np
 import numpy.typing as npt
 
+from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.metrics import Azimuths, evaluate
+from avssl_pyro.localization.posterior import ClipPosterior, SourceThresholds, select_sources
 
 # Half a point of F-measure is noise on some hundred scenes.
 AS_GOOD_F = 0.005
+LEVELS = (0.01, 0.02, 0.04, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25)
+PEAKS = (0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
+# Few microphones spread one talker over more directions.
+MERGES_DEG = (12.0, 20.0)
+SOURCE_SETTINGS = tuple(
+    SourceThresholds(level, peak, merge_deg) for merge_deg, level, peak in product(MERGES_DEG, LEVELS, PEAKS)
+)
 ObservationT = TypeVar("ObservationT")
 SettingT = TypeVar("SettingT")
 
 
 class Method(Protocol[ObservationT, SettingT]):
-    """A localization method: it sees clips and never their labels."""
+    """A localization method: it gets clips and never their labels."""
 
     @property
     def name(self) -> str:
-        """How tables and reports call it."""
+        """Name in tables and reports."""
         ...
 
     @property
@@ -30,7 +41,7 @@ class Method(Protocol[ObservationT, SettingT]):
         ...
 
     def observe_all(self, clips: Iterable[Clip]) -> list[ObservationT]:
-        """The expensive part, done once per clip whatever the number of settings."""
+        """Observations of the clips: the expensive part, done once whatever the number of settings."""
         ...
 
     def decide(self, observation: ObservationT, setting: SettingT) -> Azimuths:
@@ -40,7 +51,7 @@ class Method(Protocol[ObservationT, SettingT]):
 
 @dataclass(frozen=True)
 class Tuned(Generic[SettingT]):
-    """The setting that tuning chose and what it scored on the scenes it was chosen on."""
+    """The chosen setting, and its scores on the scenes on which it was chosen."""
 
     setting: SettingT
     f_measure: float
@@ -53,15 +64,15 @@ def tune(
     references: Sequence[npt.ArrayLike],
     tolerance: float,
 ) -> Tuned[SettingT]:
-    """Picks a setting by F-measure, and by count accuracy among those whose F-measure is as good as the best.
+    """Chooses a setting by F-measure, then by count accuracy among the equally good.
 
     Count accuracy alone would reward a method that always says two.
 
     Args:
-        method: the method to tune.
-        observations: what it observed on the validation clips.
+        method: method to tune.
+        observations: its observations of the validation clips.
         references: true azimuths of the same clips, radians.
-        tolerance: radians.
+        tolerance: largest error that counts as correct, radians.
 
     Raises:
         InputError: the method has no settings, or as in :func:`avssl_pyro.evaluation.metrics.evaluate`.
@@ -84,14 +95,50 @@ def plain_and_tuned(
     setting: SettingT,
     tolerance: float,
 ) -> dict[str, list[Azimuths]]:
-    """Two rows of a comparison without validation data, by name: decided by a fixed setting, and by the best one.
+    """Azimuths by a fixed setting and by the best one, by name, for comparisons without validation data.
 
     Args:
-        method, observations, references, tolerance: as of :func:`tune`; the best setting is that for these very labels.
-        setting: the fixed one.
+        method, observations, references, tolerance: as of :func:`tune`; the best setting is chosen on these labels.
+        setting: fixed setting.
     """
     best = tune(method, observations, references, tolerance).setting
     return {
         name: [method.decide(observation, chosen) for observation in observations]
         for name, chosen in ((method.name, setting), (f"{method.name}, tuned", best))
     }
+
+
+@dataclass(frozen=True)
+class PosteriorMethod:
+    """A localizer as a :class:`Method`.
+
+    Args:
+        name: name in tables, e.g. ``amortized``.
+        posteriors: function from a batch of clips to their posteriors, in order.
+        grid: directions of the posteriors.
+        batch_size: largest number of clips in a batch.
+        settings: candidate thresholds.
+    """
+
+    name: str
+    posteriors: Callable[[Sequence[Clip]], Iterable[ClipPosterior]]
+    grid: DirectionGrid
+    batch_size: int = 32
+    settings: Sequence[SourceThresholds] = field(default=SOURCE_SETTINGS, repr=False)
+
+    def observe_all(self, clips: Iterable[Clip]) -> list[ClipPosterior]:
+        # Activation maps are by far the largest part of a posterior, and no threshold depends on them.
+        return [
+            replace(posterior, activations_kij=None)
+            for batch in _batches(clips, self.batch_size)
+            for posterior in self.posteriors(batch)
+        ]
+
+    def decide(self, observation: ClipPosterior, setting: SourceThresholds) -> Azimuths:
+        return np.array([source.azimuth for source in select_sources(observation, self.grid, setting)])
+
+
+def _batches(clips: Iterable[Clip], size: int) -> Iterator[list[Clip]]:
+    clips = iter(clips)
+    while batch := list(islice(clips, size)):
+        yield batch

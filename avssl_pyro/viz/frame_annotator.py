@@ -9,10 +9,9 @@ import numpy.typing as npt
 
 from avssl_pyro.tracking.timeline import IdentifiedSource, Timeline
 from avssl_pyro.viz.azimuth_strip import CompassStrip
-from avssl_pyro.viz.palette import Color, ink_on
+from avssl_pyro.viz.palette import Color, ink_on, track_colors
 from avssl_pyro.viz.panorama_axes import BoxSize, Canvas, place_boxes
 from avssl_pyro.viz.sprites import Sprite, TextRenderer, rounded_box
-from avssl_pyro.viz.track_colors import track_colors
 
 # Letters need so many columns, and browsers and two cores no more than so many.
 LEAST_WIDTH, MOST_WIDTH = 960, 1920

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from avssl_pyro.tracking.timeline import Timeline
+
 Color = tuple[float, float, float]
 
 
@@ -25,3 +27,24 @@ def ink_on(color: Color) -> str:
     """Black or white, whichever reads better on a color."""
     red, green, blue = color
     return "black" if 0.299 * red + 0.587 * green + 0.114 * blue > 0.5 else "white"
+
+
+def track_colors(timeline: Timeline, rest_s: float = 5.0, palette: Sequence[Color] = OKABE_ITO) -> dict[int, Color]:
+    """A color for each source of a timeline, by its name.
+
+    A new source takes the first color of the palette that has been unused for ``rest_s``, or else the color unused for
+    longest: simultaneous sources differ as long as the palette has colors enough.
+    """
+    spans: dict[int, tuple[float, float]] = {}
+    for moment in timeline.moments:
+        for source in moment.sources:
+            first, _ = spans.get(source.name, (moment.time_s, moment.time_s))
+            spans[source.name] = (first, moment.time_s)
+    free_since = [float("-inf")] * len(palette)
+    colors: dict[int, Color] = {}
+    for name, (first, last) in sorted(spans.items(), key=lambda item: (item[1][0], item[0])):
+        rested = [index for index, since in enumerate(free_since) if since + rest_s < first]
+        index = rested[0] if rested else free_since.index(min(free_since))
+        free_since[index] = max(free_since[index], last)
+        colors[name] = palette[index]
+    return colors

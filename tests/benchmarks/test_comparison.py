@@ -69,7 +69,7 @@ def test_every_clip_is_observed_once_whatever_the_number_of_settings():
 
 def test_the_same_seed_gives_the_same_rows():
     def rows(seed):
-        runs = run_methods([], scenes(3, 0), scenes(9, 1), trivial=[RandomAtTrueCount(seed), ConstantCount(seed)])
+        runs = run_methods([], scenes(3, 0), scenes(9, 1), chance=[RandomAtTrueCount(seed), ConstantCount(seed)])
         return score_runs(runs, "all-speak", 6, tolerances_deg=(60.0,))
 
     assert repr(rows(1)) == repr(rows(1))
@@ -84,5 +84,5 @@ def test_constant_count_is_the_most_frequent_of_the_validation_scenes():
 @pytest.mark.parametrize("empty", ["validation", "test"])
 def test_an_empty_set_is_named(empty):
     sets = {"validation": scenes(2, 0), "test": scenes(2, 1), empty: []}
-    with pytest.raises(InputError, match=f"{empty} scenes: there is not a single one"):
+    with pytest.raises(InputError, match=f"{empty} scenes: there are none"):
         run_methods([], sets["validation"], sets["test"])

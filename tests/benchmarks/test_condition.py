@@ -6,13 +6,18 @@ import pytest
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.benchmarks.condition import cell_from_dict, cell_to_dict, run_cell
-from avssl_pyro.benchmarks.condition_cache import ConditionCache
-from avssl_pyro.benchmarks.condition_tables import calibrations, coverage_table, roc_curves, talking_table, timing_table
-from avssl_pyro.benchmarks.paper_report import score_cells
-from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
+from avssl_pyro.benchmarks.cache import CONVERTER
+from avssl_pyro.benchmarks.condition import (
+    ConditionResult,
+    coverage_table,
+    judge_posteriors,
+    run_condition,
+    talking_table,
+    timing_table,
+)
+from avssl_pyro.benchmarks.paper import score_cells
 from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.errors import InputError
+from avssl_pyro.evaluation.methods import PosteriorMethod
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.localization.posterior import ClipPosterior
 
@@ -66,83 +71,52 @@ def methods(silent_level=0.01):
 
 def cell(silent_level=0.01, num=12):
     scenes = [scene(index) for index in range(num)]
-    return run_cell("some-silent", PRESETS["circle4"], methods(silent_level), scenes, scenes)
+    return run_condition("some-silent", PRESETS["circle4"], methods(silent_level), scenes, scenes)
 
 
-def test_believers_are_judged_on_all_people_and_matched_sources():
+def test_posteriors_are_judged_on_all_people_and_matched_sources():
     found = cell()
-    (belief,) = found.beliefs
-    assert belief.method == "amortized"
-    assert belief.talking == (0.3,) * 30
-    assert belief.silent == (0.01,) * 12
+    (stored,) = found.posteriors
+    assert stored.method == "amortized"
+    assert stored.talking == (0.3,) * 30
+    assert stored.silent == (0.01,) * 12
     # Of 30 talkers, 12 are in even scenes with two each and an error of 3 degrees.
-    calibration = calibrations([found])["some-silent", 4, "amortized"]
+    (judged,) = judge_posteriors([found])
+    calibration = judged.calibration
     assert calibration.sources == 30
     assert calibration.within_one == pytest.approx(18 / 30)
     assert calibration.within_two == 1.0
     assert calibration.scale == pytest.approx(1.5, abs=1e-6)
-    assert roc_curves([found])["some-silent", 4, "amortized"].area == 1.0
-    assert talking_table([found]).lines[0][1][0].text == "1.000"
-    assert "30 talking, 12 silent people" in talking_table([found]).notes[1]
+    assert judged.curve.area == 1.0
+    assert talking_table([judged]).texts() == {"amortized": ["1.000"]}
+    assert "30 talking, 12 silent people" in talking_table([judged]).notes[1]
 
 
 def test_a_level_that_knows_nothing_has_an_area_of_one_half():
     found = cell(silent_level=0.3)
-    assert roc_curves([found])["some-silent", 4, "amortized"].area == 0.5
+    assert judge_posteriors([found])[0].curve.area == 0.5
 
 
 def test_a_cell_survives_json():
     found = cell()
-    data = cell_to_dict(found)
-    again = cell_from_dict(json.loads(json.dumps(data, allow_nan=False)))
-    assert cell_to_dict(again) == cell_to_dict(cell_from_dict(data))
+    data = CONVERTER.unstructure(found)
+    again = CONVERTER.structure(json.loads(json.dumps(data, allow_nan=False)), ConditionResult)
+    assert CONVERTER.unstructure(again) == data
     assert (again.condition, again.array, again.microphones) == ("some-silent", "circle4", 4)
     names = ["random", "constant-count", "music", "amortized", "no-audio-net"]
     assert [run.name for run in again.runs.methods] == names
     assert again.runs.methods[3].tuned.setting["level"] == 0.02
     for before, after in zip(found.runs.methods, again.runs.methods, strict=True):
         for first, second in zip(before.estimates, after.estimates, strict=True):
-            assert second == pytest.approx(first, abs=1e-12)
-    assert again.beliefs[0].test.stds_p == pytest.approx(found.beliefs[0].test.stds_p)
+            assert np.array_equal(second, first)
+    assert again.posteriors[0].test.stds_p == pytest.approx(found.posteriors[0].test.stds_p)
 
 
 def test_the_report_shows_times_and_coverage_and_names_what_is_behind():
-    report = score_cells([cell_from_dict(cell_to_dict(cell()))], {"cells": []})
+    report = score_cells([cell()], {"cells": []})
     headline = {row.method: row for row in report.rows if (row.sources, row.tolerance_deg) == ("all", 10.0)}
     assert [headline[method].f_measure for method in ("music", "amortized", "no-audio-net")] == [0.0, 1.0, 1.0]
     assert headline["random"].count_low == headline["random"].count_high == 1.0
-    assert [name for name, _ in timing_table(report.cells).lines] == ["music", "no-audio-net", "amortized"]
-    assert coverage_table(calibrations(report.cells)).lines[0][1][0].text == "30"
+    assert list(timing_table(report.cells).texts()) == ["music", "no-audio-net", "amortized"]
+    assert coverage_table(judge_posteriors(report.cells)).texts()["some-silent M=4 amortized"][0] == "30"
     assert report.behind() == []
-
-
-def test_a_store_runs_once_and_other_facts_run_again(tmp_path):
-    store = ConditionCache(tmp_path / "cells")
-    calls = []
-
-    def run():
-        calls.append(1)
-        return cell(num=3)
-
-    first = store.get_or_run("some-silent-M4", {"system": "a", "rounds": 2}, run)
-    again = store.get_or_run("some-silent-M4", {"rounds": 2, "system": "a"}, run)
-    assert len(calls) == 1
-    assert cell_to_dict(again) == cell_to_dict(first)
-    store.get_or_run("some-silent-M4", {"system": "b", "rounds": 2}, run)
-    assert len(calls) == 2
-    assert len(list((tmp_path / "cells").iterdir())) == 2
-
-
-def test_a_full_disk_leaves_no_cell(tmp_path, full_disk):
-    store = ConditionCache(tmp_path)
-    with pytest.raises(OSError, match="No space"):
-        store.get_or_run("x", {}, lambda: cell(num=2))
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("content", ["{", "[]", '{"condition": "x"}'])
-def test_a_damaged_cell_is_named(tmp_path, content):
-    store = ConditionCache(tmp_path)
-    store.path("x", {}).write_text(content)
-    with pytest.raises(InputError, match=r"damaged .* delete it and run the same command again"):
-        store.get_or_run("x", {}, lambda: cell(num=2))

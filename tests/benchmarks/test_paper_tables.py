@@ -6,8 +6,8 @@ from rich.console import Console
 
 from avssl_pyro.benchmarks.paper_tables import behind, overall_table, paper_tables, sweep_tables
 from avssl_pyro.benchmarks.published_results import PAPER_TABLES, TABLE_I, TABLE_II, TABLE_III
-from avssl_pyro.evaluation.report import print_tables
-from avssl_pyro.evaluation.tables import METHOD_ORDER
+from avssl_pyro.benchmarks.result_tables import METHOD_ORDER
+from avssl_pyro.evaluation.tables import print_tables
 
 CONDITIONS = ("all-speak", "some-silent")
 HALF = {"all-speak": 0.02, "some-silent": 0.03}
@@ -46,7 +46,7 @@ def rows(microphones=(2, 4, 6), tolerances=(10.0,), **changes):
 
 
 def lines(table):
-    return {name: [cell.text for cell in cells] for name, cells in table.lines}
+    return table.texts()
 
 
 def test_the_papers_figures_are_in_their_places():
@@ -66,9 +66,9 @@ def test_our_rows_stand_above_the_papers_in_its_columns():
     first, second, third = paper_tables(rows(amortized=0.913, amortized_count=0.613))
     columns = ("M=2 L=2", "M=2 L=3", "M=4 L=2", "M=4 L=3", "M=6 L=2", "M=6 L=3")
     for table in (first, second, third):
-        assert table.columns == columns
+        assert table.headers[1:] == columns
         theirs = ["SRP-PHAT (paper)", "MUSIC (paper)", "w/o Aud (paper)", "Proposed (paper)"]
-        assert [name for name, _ in table.lines] == [*METHOD_ORDER, *theirs]
+        assert list(table.texts()) == [*METHOD_ORDER, *theirs]
         assert any("measured by its authors on other data" in note for note in table.notes)
     assert lines(first)["amortized"] == ["0.91 ±.02"] * 6
     assert lines(second)["amortized"] == ["0.91 ±.03"] * 6
@@ -93,14 +93,14 @@ def test_each_cell_takes_the_row_of_its_own_condition_array_and_count():
 def test_the_best_of_ours_is_marked_and_never_a_told_count_or_a_figure_of_the_paper():
     low = {name.replace("-", "_").replace(" ", "_"): 0.1 for name in METHOD_ORDER}
     first, _, third = paper_tables(rows(**low | {"music": 0.2}))
-    best = {name for name, cells in first.lines for cell in cells if cell.best}
+    best = {cells[0].text for cells in first.cells() if any(cell.best for cell in cells)}
     assert best == {"music"}
-    assert {name for name, cells in third.lines for cell in cells if cell.best} == {"music"}
+    assert {cells[0].text for cells in third.cells() if any(cell.best for cell in cells)} == {"music"}
 
 
 def test_arrays_that_were_not_run_are_dashes_and_others_get_columns():
     first, *_ = paper_tables(rows(microphones=(4, 5)))
-    assert first.columns[4:6] == ("M=5 L=2", "M=5 L=3")
+    assert first.headers[5:7] == ("M=5 L=2", "M=5 L=3")
     assert lines(first)["refined"][:2] == ["–", "–"]
     assert lines(first)["Proposed (paper)"][2:6] == ["0.86", "0.83", "–", "–"]
 
@@ -108,12 +108,12 @@ def test_arrays_that_were_not_run_are_dashes_and_others_get_columns():
 def test_overall_and_sweep_have_every_array_and_tolerance():
     made = rows(tolerances=(5.0, 10.0, 15.0, 20.0))
     overall = overall_table(made)
-    assert overall.columns[:2] == ("all-speak M=2", "all-speak M=4")
-    assert len(overall.columns) == 6
-    assert all(len(cells) == 6 for _, cells in overall.lines)
+    assert overall.headers[1:3] == ("all-speak M=2", "all-speak M=4")
+    assert len(overall.headers) == 7
+    assert all(len(texts) == 6 for texts in overall.texts().values())
     sweeps = sweep_tables(made)
     assert [table.title for table in sweeps] == [f"F-measure by tolerance, {condition}" for condition in CONDITIONS]
-    assert sweeps[0].columns[:5] == ("M=2 5°", "M=2 10°", "M=2 15°", "M=2 20°", "M=4 5°")
+    assert sweeps[0].headers[1:6] == ("M=2 5°", "M=2 10°", "M=2 15°", "M=2 20°", "M=4 5°")
     assert len(lines(sweeps[0])["refined"]) == 12
 
 

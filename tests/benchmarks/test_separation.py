@@ -6,10 +6,15 @@ import pytest
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.benchmarks.separation import UNPROCESSED, Improvements, SeparationExperiment
-from avssl_pyro.benchmarks.separation_methods import DelayAndSumAtTruth, Estimates, OracleMasks, PosteriorSeparation
-from avssl_pyro.benchmarks.separation_table import lead, separation_table
-from avssl_pyro.benchmarks.talker_mixtures import TalkerMixture, draw_mixture
+from avssl_pyro.benchmarks.separation import UNPROCESSED, Improvements, SeparationExperiment, lead, separation_table
+from avssl_pyro.benchmarks.separation_methods import (
+    DelayAndSumAtTruth,
+    Estimates,
+    OracleMasks,
+    PosteriorSeparation,
+    TalkerMixture,
+    draw_mixture,
+)
 from avssl_pyro.clip import Clip
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import ClipPosterior, SourceThresholds
@@ -111,11 +116,11 @@ def test_the_table_has_means_intervals_and_the_lead() -> None:
     ]
     trials[0]["b"] = replace(trials[0]["b"], missed=1)
     table = separation_table(trials, "title", "b", "a")
-    (first, cells), (second, others) = table.lines
+    (first, cells), (second, others) = table.texts().items()
     assert (first, second) == ("a", "b")
-    assert [cells[column].text for column in (0, 2, 3, 5)] == ["2.25", "2.00", "1.25", "0.0%"]
-    assert others[-1].text == "12.5%"
-    low, high = (float(word) for word in cells[1].text.split(" to "))
+    assert [cells[column] for column in (0, 2, 3, 5)] == ["2.25", "2.00", "1.25", "0.0%"]
+    assert others[-1] == "12.5%"
+    low, high = (float(word) for word in cells[1].split(" to "))
     assert 1.5 <= low < 2.25 < high <= 3.0
     for mean, interval in lead(trials, "b", "a"):
         assert mean == interval.low == interval.high == 5.0

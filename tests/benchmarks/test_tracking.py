@@ -2,8 +2,14 @@ import numpy as np
 import pytest
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.benchmarks.simulated_detections import DetectorConfig, detect
-from avssl_pyro.benchmarks.tracking import SimulatedRecordings, alone, compare, nearest
+from avssl_pyro.benchmarks.tracking import (
+    DetectorConfig,
+    SimulatedRecordings,
+    alone,
+    compare_links,
+    draw_detections,
+    nearest,
+)
 from avssl_pyro.localization.posterior import LocalizedSource
 from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig, draw_moving_talkers
 from avssl_pyro.tracking.tracker import TrackingConfig, WindowDetections
@@ -18,7 +24,7 @@ def window(time_s: float, *azimuths_deg: float) -> WindowDetections:
 
 def test_tracking_raises_f_and_lowers_identity_switches() -> None:
     simulated = SimulatedRecordings(MovingTalkersConfig(seconds=20.0), count=2, seed=5)
-    scores = compare([simulated.draw(index) for index in range(2)], TrackingConfig(), TOLERANCE, lag=3)
+    scores = compare_links([simulated.draw(index) for index in range(2)], TrackingConfig(), TOLERANCE, lag=3)
     single, linked, live, whole = scores.values()
     assert single.f_measure + 0.01 < live.f_measure
     assert single.f_measure + 0.03 < whole.f_measure
@@ -51,7 +57,7 @@ def test_drawn_detections_have_the_errors_misses_and_clutter_asked_for() -> None
     config = DetectorConfig(std_deg=3.0, miss=0.2, clutter=0.1)
     truths = [talkers.window(t) for t in range(2000)]
     errors_deg, clutter, hits = [], 0, 0
-    for truth, found in zip(truths, detect(talkers, config, rng), strict=True):
+    for truth, found in zip(truths, draw_detections(talkers, config, rng), strict=True):
         offsets_deg = [
             float(np.rad2deg(wrap_angle(source.azimuth - truth[0]))) if truth else 180.0 for source in found.sources
         ]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from avssl_pyro.benchmarks import combinations
 from avssl_pyro.benchmarks.combinations import RECIPES
 from avssl_pyro.cli import compare_combinations
 from avssl_pyro.errors import InputError
@@ -33,7 +34,7 @@ def test_rows_of_several_combinations_are_kept(
     def run_again(*_: object) -> None:
         raise AssertionError("a kept row was run again")
 
-    monkeypatch.setattr(compare_combinations, "run_recipe", run_again)
+    monkeypatch.setattr(combinations, "run_recipe", run_again)
     compare_combinations.main([*arguments, "--first", "2"])
     assert json.loads((tmp_path / "combinations.json").read_text()) == rows
     with pytest.raises(AssertionError, match="run again"):

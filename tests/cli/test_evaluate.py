@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.benchmarks import elbo
 from avssl_pyro.cli import benchmark, compare_elbo, demo, evaluate, gallery
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import save_checkpoint
@@ -58,14 +59,14 @@ def test_the_comparison_agrees_and_a_wrong_prior_would_not(
     assert compare_elbo.main(["--checkpoint", str(checkpoint), *short]) == 0
     assert "agree." in capsys.readouterr().out
     # The closed form reads its priors from the configuration; another alpha than the model's must be noticed.
-    system = compare_elbo.double_precision
+    system = elbo.double_precision
 
     def with_another_alpha(given):  # type: ignore[no-untyped-def]
         double = system(given)
         double.model.level_prior = type(double.model.level_prior)(0.5)
         return double
 
-    monkeypatch.setattr(compare_elbo, "double_precision", with_another_alpha)
+    monkeypatch.setattr(elbo, "double_precision", with_another_alpha)
     assert compare_elbo.main(["--checkpoint", str(checkpoint), *short]) == 1
     assert "DISAGREE" in capsys.readouterr().out
 

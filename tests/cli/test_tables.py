@@ -10,9 +10,10 @@ import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft_config import StftConfig
-from avssl_pyro.cli import evaluate, tables
+from avssl_pyro.benchmarks import paper
+from avssl_pyro.benchmarks.result_tables import METHOD_ORDER
+from avssl_pyro.cli import evaluate
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.tables import METHOD_ORDER
 from avssl_pyro.systems.checkpoint import load_checkpoint, save_checkpoint
 from avssl_pyro.systems.config import GuideConfig
 from avssl_pyro.systems.system import System, SystemConfig, build_system
@@ -46,11 +47,11 @@ def arguments(tmp_path_factory: pytest.TempPathFactory, scene_folder: Path) -> l
 
 
 @pytest.fixture
-def run_cell_forbidden(monkeypatch: pytest.MonkeyPatch) -> None:
+def run_forbidden(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(condition: str, array: Any, *_: Any) -> None:
         raise RuntimeError(f"{condition} M={array.num_microphones} is run again")
 
-    monkeypatch.setattr(tables, "run_cell", refuse)
+    monkeypatch.setattr(paper, "run_condition", refuse)
 
 
 def test_every_cell_is_there_with_intervals_around_its_value(arguments: list[str]) -> None:
@@ -90,7 +91,7 @@ def test_the_page_and_the_picture_are_there(arguments: list[str]) -> None:
 
 
 def test_a_second_run_reads_every_cell_and_says_the_same(
-    arguments: list[str], run_cell_forbidden: None, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], run_forbidden: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = Path(arguments[-1])
     before = {name: (out / name).read_bytes() for name in ("tables.json", "tables.md")}
@@ -99,7 +100,7 @@ def test_a_second_run_reads_every_cell_and_says_the_same(
     assert {name: (out / name).read_bytes() for name in before} == before
 
 
-def test_a_stopped_run_goes_on_with_the_cell_it_was_in(arguments: list[str], run_cell_forbidden: None) -> None:
+def test_a_stopped_run_goes_on_with_the_cell_it_was_in(arguments: list[str], run_forbidden: None) -> None:
     (cell,) = (Path(arguments[-1]) / "cells").glob("some-silent-M2-*.json")
     content = cell.read_bytes()
     cell.unlink()
@@ -109,7 +110,7 @@ def test_a_stopped_run_goes_on_with_the_cell_it_was_in(arguments: list[str], run
 
 
 def test_other_weights_under_the_same_name_are_run_anew(
-    arguments: list[str], run_cell_forbidden: None, tmp_path: Path
+    arguments: list[str], run_forbidden: None, tmp_path: Path
 ) -> None:
     changed = save_small(tmp_path / "circle4.safetensors", "circle4", seed=1)
     place = arguments.index("--checkpoint") + 1
@@ -117,13 +118,13 @@ def test_other_weights_under_the_same_name_are_run_anew(
         evaluate.main([*arguments[:place], str(changed), *arguments[place + 1 :]])
 
 
-def test_another_setting_is_run_anew(arguments: list[str], run_cell_forbidden: None) -> None:
+def test_another_setting_is_run_anew(arguments: list[str], run_forbidden: None) -> None:
     with pytest.raises(RuntimeError, match="is run again"):
         evaluate.main(["3" if word == "2" else word for word in arguments])
 
 
 def test_without_checkpoints_the_shipped_weights_are_compared(
-    arguments: list[str], run_cell_forbidden: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    arguments: list[str], run_forbidden: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
 
@@ -148,7 +149,7 @@ def test_a_damaged_cell_is_named(arguments: list[str], tmp_path: Path) -> None:
 
 
 def test_bad_input_is_told_before_anything_runs(
-    arguments: list[str], run_cell_forbidden: None, scene_folder: Path, tmp_path: Path
+    arguments: list[str], run_forbidden: None, scene_folder: Path, tmp_path: Path
 ) -> None:
     folder = str(scene_folder)
     checkpoint = arguments[arguments.index("--checkpoint") + 1]

@@ -1,27 +1,23 @@
 """Simulation-based calibration: it passes an exact posterior, tells others apart, and goes on after a stop."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from torch import Tensor
 
-from avssl_pyro.benchmarks.sbc_cache import CalibrationStore
-from avssl_pyro.benchmarks.sbc_toy_model import SmallSystem
+from avssl_pyro.benchmarks.calibration import ToyModel
 from avssl_pyro.criticism.sbc import quantities, rank_histogram, run_trials, uniformity
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.posterior_draws import PosteriorDraws, prior_draws
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
-SYSTEM = SmallSystem()
+TOY = ToyModel()
 L = 19
 # So much diffuse power that nothing can be told of directions: the posterior is the prior.
-BLIND = SpatialCGMM(
-    SYSTEM.steering_fdm, SYSTEM.num_sources, SymmetricDirichlet(1.0), LogNormalWeights(1.0), diffuse=1e4
-)
+BLIND = SpatialCGMM(TOY.steering_fdm, TOY.num_sources, SymmetricDirichlet(1.0), LogNormalWeights(1.0), diffuse=1e4)
 
 
 def from_the_prior(x_bfmt: Tensor, image_bcij: Tensor, seeds: Sequence[int]) -> list[PosteriorDraws]:
@@ -37,7 +33,7 @@ def too_narrow(x_bfmt: Tensor, image_bcij: Tensor, seeds: Sequence[int]) -> list
 
 
 def test_an_exact_posterior_has_uniform_ranks_and_a_narrow_one_has_not() -> None:
-    trials = run_trials(BLIND, {"exact": from_the_prior, "narrow": too_narrow}, SYSTEM.spectrogram(), range(100))
+    trials = run_trials(BLIND, {"exact": from_the_prior, "narrow": too_narrow}, TOY.spectrogram(), range(100))
     names = ("largest level", "power ahead", "power left", "power behind", "sharpness", "mean log w")
     found = {
         posterior: {name: uniformity([trial[posterior][name] for trial in trials], L) for name in names}
@@ -65,8 +61,8 @@ def test_ranks_fall_into_equal_bins() -> None:
 
 
 def test_quantities_do_not_know_the_order_of_classes() -> None:
-    model = SYSTEM.model()
-    x_fmt, image_cij = torch.randn_like(SYSTEM.spectrogram()), torch.zeros(3, 1, 1)
+    model = TOY.model()
+    x_fmt, image_cij = torch.randn_like(TOY.spectrogram()), torch.zeros(3, 1, 1)
     draws = prior_draws(model, x_fmt, image_cij, 6)
     turned = PosteriorDraws(draws.w_skd.flip(-2), draws.pi_sk.flip(-1))
     for name, values_s in quantities(model, x_fmt, image_cij, draws).items():
@@ -74,43 +70,25 @@ def test_quantities_do_not_know_the_order_of_classes() -> None:
 
 
 def test_sectors_are_where_they_are_called() -> None:
-    model = SYSTEM.model()
+    model = TOY.model()
     # Direction d of 8 is at 157.5 - 45 d degrees: 3 and 4 are ahead, 1 and 2 left of the array, 7 and 0 behind.
     for name, direction in (("ahead", 3), ("left", 1), ("behind", 7)):
         w_skd = torch.full((1, 2, 8), 1e-6)
         w_skd[..., direction] = 1.0
         found = quantities(
-            model, SYSTEM.spectrogram() + 1, torch.zeros(3, 1, 1), PosteriorDraws(w_skd, torch.tensor([[0.5, 0.5]]))
+            model, TOY.spectrogram() + 1, torch.zeros(3, 1, 1), PosteriorDraws(w_skd, torch.tensor([[0.5, 0.5]]))
         )
         assert found[f"power {name}"].item() == pytest.approx(1.0, abs=1e-4)
 
 
 def test_a_model_that_counts_bins_twice_is_refused() -> None:
-    model = SpatialCGMM(SYSTEM.steering_fdm, 2, bin_weight=2.0)
+    model = SpatialCGMM(TOY.steering_fdm, 2, bin_weight=2.0)
     with pytest.raises(InputError, match="bin_weight 2"):
-        run_trials(model, {"any": from_the_prior}, SYSTEM.spectrogram(), [0])
-
-
-def test_finished_trials_are_kept_and_damaged_ones_told(tmp_path: Path) -> None:
-    store = CalibrationStore(tmp_path / "trials", SYSTEM)
-    calls: list[Sequence[int]] = []
-
-    def counted(x_bfmt: Tensor, image_bcij: Tensor, seeds: Sequence[int]) -> list[PosteriorDraws]:
-        calls.append(seeds)
-        return from_the_prior(x_bfmt, image_bcij, seeds)
-
-    first = store.get_or_run("prior", counted, range(2))
-    assert store.get_or_run("prior", counted, range(2)) == first
-    assert len(calls) == 1
-    store.get_or_run("prior", counted, range(2, 4))
-    assert len(calls) == 2
-    store.path("prior", range(2)).write_text("{")
-    with pytest.raises(InputError, match="damaged"):
-        store.get_or_run("prior", counted, range(2))
+        run_trials(model, {"any": from_the_prior}, TOY.spectrogram(), [0])
 
 
 def test_every_posterior_of_the_line_up_gives_its_draws() -> None:
-    quick = SmallSystem(num_directions=4, num_bins=2, num_frames=4, draws=9, warmup=10, thinning=1)
+    quick = ToyModel(num_directions=4, num_bins=2, num_frames=4, draws=9, warmup=10, thinning=1)
     x_bfmt = torch.randn(2, *quick.spectrogram().shape, dtype=torch.complex64)
     for name, sampler in quick.samplers(steps=3).items():
         for draws in sampler(x_bfmt, torch.zeros(2, 3, 1, 1), [0, 1]):

@@ -10,7 +10,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import istft, stft
 from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.si_sdr import si_sdr
+from avssl_pyro.evaluation.separation_metrics import si_sdr
 from avssl_pyro.separation.beamforming import Extraction, Masking, Mvdr, WienerFilter, delay_and_sum
 from avssl_pyro.separation.separator import SeparationConfig, Separator
 from avssl_pyro.systems.system import SystemConfig

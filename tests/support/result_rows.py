@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from avssl_pyro.evaluation.tables import ResultRow
+from avssl_pyro.benchmarks.result_tables import ResultRow
 
 
 def result_row(method: str, f_measure: float, **cell: Any) -> ResultRow:

@@ -5,7 +5,7 @@ import pytest
 from result_rows import result_row
 from rich.console import Console
 
-from avssl_pyro.evaluation.report import print_table, write_report
+from avssl_pyro.benchmarks.result_tables import print_report, write_report
 
 KEYS = {
     *("condition", "microphones", "sources", "method", "tolerance_deg", "f_measure", "precision", "recall"),
@@ -80,7 +80,7 @@ def test_a_failed_write_keeps_the_old_report_and_leaves_no_other_file(tmp_path, 
 
 def test_the_terminal_table_fits_80_columns_uncut():
     out = StringIO()
-    print_table(rows(), Console(file=out, width=80))
+    print_report(rows(), Console(file=out, width=80))
     text = out.getvalue()
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= 80

@@ -3,8 +3,7 @@
 import numpy as np
 
 from avssl_pyro.tracking.timeline import IdentifiedSource, Timeline, TimelineFrame
-from avssl_pyro.viz.palette import OKABE_ITO
-from avssl_pyro.viz.track_colors import track_colors
+from avssl_pyro.viz.palette import OKABE_ITO, track_colors
 
 
 def timeline(spans: dict[int, tuple[float, float]]) -> Timeline:

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from avssl_pyro.evaluation.si_sdr import si_sdr
+from avssl_pyro.evaluation.separation_metrics import si_sdr
 
 RANDOM = np.random.default_rng(0)
 REFERENCE_N, ERROR_N = RANDOM.standard_normal((2, 1000))

@@ -1,9 +1,8 @@
 import numpy as np
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.benchmarks.posterior_method import PosteriorMethod
 from avssl_pyro.clip import Clip
-from avssl_pyro.evaluation.methods import tune
+from avssl_pyro.evaluation.methods import PosteriorMethod, tune
 from avssl_pyro.localization.posterior import ClipPosterior
 
 GRID = DirectionGrid()
