@@ -100,11 +100,14 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module 'avssl_pyro' has no attribute '{name}'")
-    value = globals()[name] = getattr(import_module(f"avssl_pyro.{_MODULES[name]}"), name)
-    return value
+# Hidden from type checkers, which would otherwise accept any name.
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> Any:
+        if name not in _MODULES:
+            raise AttributeError(f"module 'avssl_pyro' has no attribute '{name}'")
+        value = globals()[name] = getattr(import_module(f"avssl_pyro.{_MODULES[name]}"), name)
+        return value
 
 
 def __dir__() -> list[str]:
