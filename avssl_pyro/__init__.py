@@ -20,7 +20,8 @@ if TYPE_CHECKING:
     from avssl_pyro.acoustics.array import MicrophoneArray
     from avssl_pyro.acoustics.grid import DirectionGrid
     from avssl_pyro.acoustics.stft_config import StftConfig
-    from avssl_pyro.api.model import Model, Result, load
+    from avssl_pyro.api.model import Model, load
+    from avssl_pyro.api.result import Result
     from avssl_pyro.api.simulation import simulate
     from avssl_pyro.api.training import train
     from avssl_pyro.clip import Clip
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from avssl_pyro.models.likelihoods import ProfiledGaussian
     from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
     from avssl_pyro.models.spatial_cgmm import SpatialCGMM
+    from avssl_pyro.recordings.discovery import Alignment
     from avssl_pyro.separation.separator import Separator
     from avssl_pyro.systems.system import System, SystemConfig
     from avssl_pyro.tracking.timeline import Timeline
@@ -42,6 +44,7 @@ __version__ = "0.1.0"
 
 # The module of every public name.
 _MODULES = {
+    "Alignment": "recordings.discovery",
     "AmortizedGuide": "guides.amortized",
     "Clip": "clip",
     "ClipPosterior": "localization.posterior",
@@ -56,7 +59,7 @@ _MODULES = {
     "ProfiledGaussian": "models.likelihoods",
     "RefinedGuide": "guides.refined",
     "RefinementConfig": "guides.refinement_config",
-    "Result": "api.model",
+    "Result": "api.result",
     "Separator": "separation.separator",
     "SourceThresholds": "localization.posterior",
     "SparseDirichlet": "models.priors",
@@ -71,6 +74,7 @@ _MODULES = {
 }
 
 __all__ = [
+    "Alignment",
     "AmortizedGuide",
     "Clip",
     "ClipPosterior",

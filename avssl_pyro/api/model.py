@@ -1,7 +1,6 @@
-"""Models that localize clips, and their results."""
+"""Models that localize clips and recordings, and their results."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -12,25 +11,28 @@ import torch
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.clip import SAMPLE_RATE, Clip, SceneLabels
+from avssl_pyro.api.result import Result
+from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.clip_files import fit_audio, fit_panorama, read_audio, read_image
-from avssl_pyro.io.png import save_png
-from avssl_pyro.io.separated_sound import write_separated
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource, SourceThresholds
-from avssl_pyro.localization.results import Localization
+from avssl_pyro.localization.posterior import SourceThresholds
+from avssl_pyro.recordings.discovery import Alignment
 from avssl_pyro.separation.separator import Separator
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.pretrained import load_pretrained
 from avssl_pyro.systems.system import System
 from avssl_pyro.systems.trained_array import check_array
-from avssl_pyro.viz.overlay import draw_overlay
-from avssl_pyro.viz.polar import Circle, draw_circles, figure_pixels
+from avssl_pyro.tracking.recording_localizer import (
+    ONE_PASS_RATE_HZ,
+    REFINED_RATE_HZ,
+    localize_recording,
+    open_recording,
+)
+from avssl_pyro.tracking.timeline import Timeline
 
 PRETRAINED_NAME = "shipped"
-PLOT_DPI = 240
 
 
 def load(
@@ -141,7 +143,7 @@ class Model:
         image: str | Path | npt.ArrayLike | None = None,
         *,
         sample_rate: int | None = None,
-    ) -> "Result":
+    ) -> Result:
         """Estimates the sources of one clip.
 
         Args:
@@ -177,86 +179,37 @@ class Model:
         (localization,) = localizer.localize([clip])
         return Result(self, clip, localization, image is not None, context)
 
-
-@dataclass(frozen=True)
-class Result:
-    """The sources of one clip, with the posterior behind them.
-
-    Args:
-        model: model that estimated them.
-        clip: audio and image, as the model takes them.
-        localization: posterior and sources.
-        has_image: whether an image was given.
-        context: names of the files.
-
-    >>> result = load("circle4").localize(np.zeros((4, 16_000)), np.zeros((88, 288, 3), np.uint8))
-    >>> result.plot().shape
-    (386, 1152, 3)
-    >>> result.to_dict()["format"]
-    'avssl-result/1'
-    >>> result.separate().shape
-    (0, 16000)
-    """
-
-    model: Model
-    clip: Clip
-    localization: Localization
-    has_image: bool
-    context: dict[str, Any]
-
-    @property
-    def sources(self) -> tuple[LocalizedSource, ...]:
-        """The sources, loudest first."""
-        return self.localization.sources
-
-    @property
-    def posterior(self) -> ClipPosterior:
-        """Posterior means and spreads of directions and levels."""
-        return self.localization.posterior
-
-    def to_dict(self, separated: Sequence[Path] | None = None) -> dict[str, Any]:
-        """JSON values of the result, ``avssl-result/1``.
+    def localize_recording(
+        self,
+        audio: str | Path,
+        video: str | Path | None = None,
+        *,
+        alignment: Alignment | None = None,
+        rate_hz: float | None = None,
+        tracking: bool = True,
+        progress: bool = False,
+    ) -> Timeline:
+        """Estimates the sources of a whole recording over time.
 
         Args:
-            separated: files with the sound of each source, as :meth:`save_sounds` returns them.
-        """
-        model = self.model
-        context = {**self.context, "array": model.array.to_dict(), "checkpoint": model.weights}
-        return self.localization.to_dict(separated, **context)
-
-    def plot(self, path: str | Path | None = None, *, truth_deg: Sequence[float] = ()) -> npt.NDArray[np.uint8]:
-        """Draws the sources over the image, or on a circle where there is none.
-
-        Args:
-            path: PNG file to write.
-            truth_deg: true azimuths in degrees, drawn as triangles.
-
-        Returns:
-            The drawing, RGB, (H, W, 3).
+            audio: WAV or FLAC file of any length and rate, one channel per microphone.
+            video: equirectangular video. Without it the sources are estimated from the audio alone.
+            alignment: position of the picture relative to the array; by default its centre is straight ahead.
+            rate_hz: results per second, each of one second of sound; by default 2, or 10 without refinement.
+            tracking: link the results, so that a source keeps its number and a short miss is bridged.
+            progress: show a progress bar.
 
         Raises:
-            InputError: the file's name does not end in .png.
+            InputError: a file cannot be read, or is not of this array.
         """
-        if path is not None and Path(path).suffix.lower() != ".png":
-            raise InputError(f"{path}: pictures are written as PNG; give a name that ends in .png.")
-        posterior, sources, truth = self.posterior, self.sources, np.deg2rad(truth_deg)
-        if self.has_image:
-            drawing_ijc = draw_overlay(self.clip.image_ijc, posterior, sources, self.localization.grid, truth=truth)
-        else:
-            circle = Circle.of(posterior, sources, SceneLabels(tuple(truth)))
-            drawing_ijc = figure_pixels(draw_circles({self.clip.key: circle}), dpi=PLOT_DPI)
-        if path is not None:
-            save_png(Path(path), drawing_ijc)
-        return drawing_ijc
-
-    def separate(self) -> npt.NDArray[np.float32]:
-        """The sound of every source at the first microphone, (S, N), 16 kHz, in the order of the sources."""
-        return self.model.separator.separate(self.clip.audio_mn, self.posterior, self.sources)
-
-    def save_sounds(self, folder: str | Path) -> list[Path]:
-        """Writes the sound of every source as a 16 kHz WAV file, and returns the paths."""
-        azimuths = [source.azimuth for source in self.sources]
-        return write_separated(Path(folder), self.clip.key, azimuths, self.separate())
+        if alignment is None:
+            alignment = Alignment()
+        if alignment.channels is None and self.array.channels is not None:
+            alignment = replace(alignment, channels=self.array.channel_indices)
+        recording = open_recording(Path(audio), None if video is None else Path(video), self.array, alignment)
+        localizer = self.audio_only_localizer if video is None else self.localizer
+        rate_hz = (ONE_PASS_RATE_HZ if self._refinement is None else REFINED_RATE_HZ) if rate_hz is None else rate_hz
+        return localize_recording(recording, localizer, rate_hz=rate_hz, tracking=tracking, progress=progress)
 
 
 def _audio_array(audio: npt.NDArray[Any], rate: int, array: MicrophoneArray) -> npt.NDArray[np.float32]:

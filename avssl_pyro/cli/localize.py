@@ -94,9 +94,7 @@ def main(args: Sequence[str] | None = None) -> int | None:
     if whole:
         audio = _audio_of_recording(options)
         refined = options.rounds > 0
-        return localize_recording(
-            options.recording, audio, options.out, array, localizer, localizer.thresholds, refined
-        )
+        return localize_recording(options.recording, audio, options.out, array, localizer, refined)
     # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
     for entry in inputs:
         if not read_clip(entry.image, entry.audio, array).audio_mn.any():

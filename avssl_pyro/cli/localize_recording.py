@@ -19,18 +19,13 @@ from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.io.dcase import write_dcase
 from avssl_pyro.io.video_writer import check_video_name, has_encoder
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import SourceThresholds
-from avssl_pyro.recordings.discovery import RecordingFiles
-from avssl_pyro.recordings.excerpts import read_excerpts
 from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.tracking.recording_localizer import ONE_PASS_RATE_HZ, REFINED_RATE_HZ, WINDOW_S, open_recording
+from avssl_pyro.tracking.recording_localizer import localize_recording as find_sources
 from avssl_pyro.tracking.results import dcase_rows, json_lines
-from avssl_pyro.tracking.timeline import Timeline, timeline_of_tracks, timeline_of_windows
-from avssl_pyro.tracking.tracker import WindowDetections, track
-from avssl_pyro.tracking.window_stream import detect
+from avssl_pyro.tracking.timeline import Timeline
 from avssl_pyro.viz.annotated_video import save_annotated_video
 
-WINDOW_S = 1.0
-FAST_RATE, REFINED_RATE = 10.0, 2.0
 BAR_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}]"
 
 
@@ -61,30 +56,6 @@ class RecordingOptions:
                 raise InputError(f"--{name} is for whole recordings; give --video with --audio.")
 
 
-def open_recording(options: RecordingOptions, audio: Path, array: MicrophoneArray) -> Recording:
-    """The recording that the options name.
-
-    Raises:
-        InputError: a file cannot be read, audio and video have no second in common, the number of channels is not
-            that of the system's array, one of them is dead, or the picture is none of 360 degrees.
-    """
-    if options.video is None:
-        raise InputError("a recording has no video; give --video with --audio.")
-    recording = RecordingFiles(options.video, audio, options.placement.of(array)).open()
-    if recording.num_channels != array.num_microphones:
-        raise InputError(
-            f"{audio}: {recording.num_channels} channel(s), but array '{array.name}' has {array.num_microphones} "
-            "microphones; give a recording of that array, or an array file with the 'channels' of its microphones."
-        )
-    if recording.duration_s < WINDOW_S:
-        raise InputError(
-            f"{audio}: sound and picture have {recording.duration_s:.2f} s in common; a result needs {WINDOW_S:g} s."
-        )
-    recording.check_picture()
-    read_excerpts(audio).select(array.channel_indices).check_live(audio)
-    return recording
-
-
 def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | None]) -> None:
     """Finds out before the long work whether its results can be written; makes their folders.
 
@@ -112,7 +83,6 @@ def localize_recording(
     out: Path,
     array: MicrophoneArray,
     localizer: Localizer,
-    thresholds: SourceThresholds,
     refined: bool,
 ) -> int:
     """Localizes window by window, links the results, and writes what was asked for.
@@ -124,7 +94,7 @@ def localize_recording(
         audio: one channel per microphone.
         out: JSON lines.
         array: the microphones that recorded; it knows their channels.
-        localizer, thresholds: how.
+        localizer: localizer of the windows.
         refined: whether the localizer refines.
 
     Returns:
@@ -133,10 +103,12 @@ def localize_recording(
     Raises:
         InputError, OSError: before anything is written, if the input or an output is at fault.
     """
-    rate = options.rate if options.rate is not None else REFINED_RATE if refined else FAST_RATE
+    rate = options.rate if options.rate is not None else REFINED_RATE_HZ if refined else ONE_PASS_RATE_HZ
     if not 0 < rate <= 100:
         raise InputError(f"--rate is {rate:g}; give a number of results per second, above 0 and up to 100.")
-    recording = open_recording(options, audio, array)
+    if options.video is None:
+        raise InputError("a recording has no video; give --video with --audio.")
+    recording = open_recording(audio, options.video, array, options.placement.of(array))
     if options.annotated is not None:
         check_video_name(options.annotated)
     check_outputs((out, options.dcase, options.annotated), (audio, options.video))
@@ -147,21 +119,22 @@ def localize_recording(
             file=sys.stderr,
         )
     with GracefulInterrupt() as stop:
-        windows = _localize(recording, localizer, thresholds, 1 / rate, stop)
-        timeline = _timeline(windows, options.tracking, 1 / rate)
+        timeline = find_sources(
+            recording, localizer, rate_hz=rate, tracking=options.tracking, interrupt=stop, progress=True
+        )
+        reached_s = timeline.moments[-1].time_s + WINDOW_S / 2 if timeline.moments else recording.start_s
         write_atomically(out, json_lines(timeline, "track" if options.tracking else "source_class").encode())
         if options.dcase is not None:
-            end_s = windows[-1].time_s + WINDOW_S / 2 if stop.requested and windows else recording.end_s
+            end_s = reached_s if stop.requested and timeline.moments else recording.end_s
             write_dcase(options.dcase, dcase_rows(timeline, end_s))
         if stop.requested:
-            reached_s = windows[-1].time_s + WINDOW_S / 2 if windows else recording.start_s
             print(
-                f"interrupted at {reached_s:.1f} s of {recording.end_s:.1f} s; {out} holds the {len(windows)} results "
-                "up to there, and the same command begins anew.",
+                f"interrupted at {reached_s:.1f} s of {recording.end_s:.1f} s; {out} holds the {len(timeline.moments)} "
+                "results up to there, and the same command begins anew.",
                 file=sys.stderr,
             )
             return EXIT_INTERRUPTED
-        unseen = len(recording.window_starts(1 / rate, WINDOW_S)) - len(windows)
+        unseen = len(recording.window_starts(1 / rate, WINDOW_S)) - len(timeline.moments)
         if unseen:
             print(
                 f"warning: {options.video}: {unseen} windows have no picture, where the video has a gap or ends; they "
@@ -175,26 +148,6 @@ def localize_recording(
             print(f"interrupted; {options.annotated} was not written, {out} is whole.", file=sys.stderr)
             return EXIT_INTERRUPTED
     return 0
-
-
-def _localize(
-    recording: Recording, localizer: Localizer, thresholds: SourceThresholds, hop_s: float, stop: GracefulInterrupt
-) -> list[WindowDetections]:
-    total = len(recording.window_starts(hop_s, WINDOW_S))
-    found: list[WindowDetections] = []
-    with tqdm(total=total, unit="window", desc="localizing") as bar:
-        for window in detect(recording.windows(hop_s, WINDOW_S), localizer, thresholds, duration_s=WINDOW_S):
-            found.append(window)
-            bar.update()
-            if stop.requested:
-                break
-    return found
-
-
-def _timeline(windows: Sequence[WindowDetections], tracking: bool, hop_s: float) -> Timeline:
-    if tracking:
-        return timeline_of_tracks(windows, track(windows), hop_s, WINDOW_S / 2)
-    return timeline_of_windows(windows, hop_s, WINDOW_S / 2)
 
 
 def _draw(

@@ -18,7 +18,11 @@ _COLUMNS = ("video", "audio", "offset_s", "yaw_deg")
 
 @dataclass(frozen=True)
 class Alignment:
-    """How a recording's picture and channels lie to the array; see :class:`Recording` for each."""
+    """Position of a recording's picture and channels relative to the array; see :class:`Recording` for each.
+
+    >>> Alignment(yaw_deg=90.0, mirror=True).offset_s
+    0.0
+    """
 
     offset_s: float = 0.0
     yaw_deg: float = 0.0

@@ -1,5 +1,6 @@
 """What a recording's sources do over time, at any moment between the windows that were localized."""
 
+import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,6 +29,16 @@ class IdentifiedSource:
     azimuth: float
     azimuth_std: float
     level: float
+
+    @property
+    def azimuth_deg(self) -> float:
+        """Direction of arrival in degrees: 0 is straight ahead, +90 left."""
+        return math.degrees(self.azimuth)
+
+    @property
+    def azimuth_std_deg(self) -> float:
+        """Posterior standard deviation of the azimuth in degrees."""
+        return math.degrees(self.azimuth_std)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import avssl_pyro as av
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.io.png import save_png
+from avssl_pyro.io.video_writer import open_video
 from avssl_pyro.localization.posterior import AUDIO_ONLY_THRESHOLDS, ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
 from avssl_pyro.systems.checkpoint import save_checkpoint
 from avssl_pyro.systems.config import GuideConfig
@@ -165,6 +166,22 @@ def test_bad_input_gets_one_sentence(model: av.Model, call: Callable[[av.Model],
         call(model)
     assert "\n" not in str(caught.value)
     assert str(caught.value).endswith(".")
+
+
+def test_a_recording_is_localized_with_and_without_its_video(model: av.Model, clip: av.Clip, tmp_path: Path) -> None:
+    audio, video = tmp_path / "walk.wav", tmp_path / "walk.mp4"
+    soundfile.write(audio, np.tile(clip.audio_mn, 2).T, 16_000, subtype="FLOAT")
+    with open_video(video, 576, 288, 10.0) as out:
+        for index in range(20):
+            out.write(np.full((288, 576, 3), 120, np.uint8), index / 10.0)
+    timeline = model.localize_recording(audio, video)
+    assert [frame.time_s for frame in timeline.moments] == [0.5, 1.0, 1.5]
+    by_audio = av.load("circle4").localize_recording(audio, rate_hz=1.0, tracking=False)
+    assert [frame.time_s for frame in by_audio.moments] == [0.5, 1.5]
+    # Both windows are the same clip.
+    expected = [source.azimuth_deg for source in av.load("circle4").localize(clip.audio_mn).sources]
+    for frame in by_audio.moments:
+        assert [source.azimuth_deg for source in frame.sources] == pytest.approx(expected, abs=0.01)
 
 
 def test_scenes_are_simulated_and_trained_on(tmp_path: Path) -> None:

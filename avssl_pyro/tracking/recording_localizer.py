@@ -1,0 +1,112 @@
+"""Localization of a whole recording: windows in, a timeline of sources out."""
+
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+
+from tqdm import tqdm
+
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.clip import Clip
+from avssl_pyro.errors import InputError
+from avssl_pyro.interruption import GracefulInterrupt
+from avssl_pyro.io.audio_stream import AudioFile
+from avssl_pyro.io.video_reader import VideoFile
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.recordings.discovery import Alignment
+from avssl_pyro.recordings.excerpts import read_excerpts
+from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.tracking.timeline import Timeline, timeline_of_tracks, timeline_of_windows
+from avssl_pyro.tracking.tracker import WindowDetections, track
+
+WINDOW_S = 1.0
+# Results per second that take about as long as the recording lasts.
+ONE_PASS_RATE_HZ, REFINED_RATE_HZ = 10.0, 2.0
+# Windows that are in memory and localized together.
+BATCH = 8
+
+
+def open_recording(audio: Path, video: Path | None, array: MicrophoneArray, alignment: Alignment) -> Recording:
+    """The recording of an array, checked before anything takes long.
+
+    Args:
+        audio: WAV or FLAC file of any rate, one channel per microphone.
+        video: equirectangular video; None for audio alone.
+        array: microphones that recorded.
+        alignment: position of picture and channels relative to the array.
+
+    Raises:
+        InputError: a file cannot be read, audio and video have less than a window in common, the number of channels is
+            not that of the array, a channel is dead, or the picture is not equirectangular.
+    """
+    recording = Recording(
+        audio.stem,
+        AudioFile(audio),
+        None if video is None else VideoFile(video),
+        offset_s=alignment.offset_s,
+        yaw_deg=alignment.yaw_deg,
+        mirror=alignment.mirror,
+        elevation_range_deg=alignment.elevation_range_deg,
+        channels=alignment.channels,
+    )
+    if recording.num_channels != array.num_microphones:
+        raise InputError(
+            f"{audio}: {recording.num_channels} channel(s), but array '{array.name}' has {array.num_microphones} "
+            "microphones; give a recording of that array, or an array file with the 'channels' of its microphones."
+        )
+    if recording.duration_s < WINDOW_S:
+        raise InputError(
+            f"{audio}: sound and picture have {recording.duration_s:.2f} s in common; a result needs {WINDOW_S:g} s."
+        )
+    recording.check_picture()
+    read_excerpts(audio).select(array.channel_indices).check_live(audio)
+    return recording
+
+
+def localize_recording(
+    recording: Recording,
+    localizer: Localizer,
+    *,
+    rate_hz: float = REFINED_RATE_HZ,
+    tracking: bool = True,
+    interrupt: GracefulInterrupt | None = None,
+    progress: bool = False,
+) -> Timeline:
+    """Localizes a recording window by window and links the sources over time.
+
+    Args:
+        recording: audio of an array, with or without video.
+        localizer: localizer of the windows.
+        rate_hz: results per second, each of one second of sound.
+        tracking: link the results, so that a source keeps its number and a short miss is bridged.
+        interrupt: request to stop; the timeline then ends with the window at hand.
+        progress: show a progress bar.
+
+    Raises:
+        InputError: ``rate_hz`` is out of range, the recording's channels are not those of the localizer's array, or
+            the audio is damaged.
+    """
+    if not 0 < rate_hz <= 100:
+        raise InputError(f"the rate is {rate_hz:g}; give a number of results per second, above 0 and up to 100.")
+    hop_s = 1 / rate_hz
+    windows: list[WindowDetections] = []
+    with tqdm(
+        total=len(recording.window_starts(hop_s, WINDOW_S)), unit="window", desc="localizing", disable=not progress
+    ) as bar:
+        for window in _detections(recording.windows(hop_s, WINDOW_S), localizer):
+            windows.append(window)
+            bar.update()
+            if interrupt is not None and interrupt.requested:
+                break
+    if tracking:
+        return timeline_of_tracks(windows, track(windows), hop_s, WINDOW_S / 2)
+    return timeline_of_windows(windows, hop_s, WINDOW_S / 2)
+
+
+def _detections(windows: Iterable[tuple[float, Clip]], localizer: Localizer) -> Iterator[WindowDetections]:
+    """Sources of windows in order; each is dated at the middle of its window."""
+    windows = iter(windows)
+    while batch := list(islice(windows, BATCH)):
+        found = localizer.localize([clip for _, clip in batch])
+        for (start_s, _), localization in zip(batch, found, strict=True):
+            yield WindowDetections(start_s + WINDOW_S / 2, localization.sources)

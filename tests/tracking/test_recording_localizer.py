@@ -1,0 +1,70 @@
+"""A recording by one library function: its windows, their tracks, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.errors import InputError
+from avssl_pyro.interruption import GracefulInterrupt
+from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.localization.posterior import SourceThresholds
+from avssl_pyro.recordings.discovery import Alignment
+from avssl_pyro.systems.pretrained import load_weights_of
+from avssl_pyro.tracking.recording_localizer import localize_recording, open_recording
+
+ARRAY = PRESETS["circle2"]
+EVERYTHING = SourceThresholds(level=0.0, peak=0.0)
+
+
+@pytest.fixture(scope="module")
+def localizer() -> Localizer:
+    return Localizer(load_weights_of("circle2"), thresholds=EVERYTHING)
+
+
+@pytest.fixture
+def audio(tmp_path: Path) -> Path:
+    path = tmp_path / "walk.wav"
+    soundfile.write(path, np.random.default_rng(0).normal(0, 0.1, (48_000, 2)), 16_000)
+    return path
+
+
+def test_every_window_has_the_sources_of_its_clip(localizer: Localizer, audio: Path) -> None:
+    recording = open_recording(audio, None, ARRAY, Alignment())
+    timeline = localize_recording(recording, localizer, rate_hz=2.0, tracking=False)
+    assert [frame.time_s for frame in timeline.moments] == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5])
+    for frame, (_, clip) in zip(timeline.moments, recording.windows(0.5), strict=True):
+        (expected,) = localizer.localize([clip])
+        assert [source.name for source in frame.sources] == [source.source_class for source in expected.sources]
+        assert [source.azimuth_deg for source in frame.sources] == pytest.approx(
+            [source.azimuth_deg for source in expected.sources], abs=1e-3
+        )
+
+
+def test_sources_are_linked_unless_windows_are_wanted_alone(localizer: Localizer, audio: Path) -> None:
+    recording = open_recording(audio, None, ARRAY, Alignment())
+    alone = localize_recording(recording, localizer, tracking=False)
+    linked = localize_recording(recording, localizer)
+    assert len(linked.moments) == len(alone.moments)
+    assert set(linked.names) <= set(range(len(linked.names)))
+
+
+def test_an_interrupt_ends_the_timeline_early(localizer: Localizer, audio: Path) -> None:
+    stop = GracefulInterrupt()
+    stop.requested = True
+    timeline = localize_recording(open_recording(audio, None, ARRAY, Alignment()), localizer, interrupt=stop)
+    assert [frame.time_s for frame in timeline.moments] == [0.5]
+
+
+def test_bad_recordings_are_refused(localizer: Localizer, audio: Path, tmp_path: Path) -> None:
+    recording = open_recording(audio, None, ARRAY, Alignment())
+    with pytest.raises(InputError, match="the rate is 0; give a number of results per second"):
+        localize_recording(recording, localizer, rate_hz=0.0)
+    with pytest.raises(InputError, match=r"2 channel\(s\), but array 'circle4' has 4 microphones"):
+        open_recording(audio, None, PRESETS["circle4"], Alignment())
+    short = tmp_path / "short.wav"
+    soundfile.write(short, np.random.default_rng(0).normal(0, 0.1, (8_000, 2)), 16_000)
+    with pytest.raises(InputError, match=r"0.50 s in common; a result needs 1 s"):
+        open_recording(short, None, ARRAY, Alignment())
