@@ -131,7 +131,7 @@ class MicrophoneArray:
             InputError: the channels of this kind of array belong together.
         """
         if self.steering.num_microphones is not None:
-            raise InputError(f"array '{self.name}' hears {self.steering.phrase}; it has no sub-arrays.")
+            raise InputError(f"array '{self.name}' hears {self.steering.description}; it has no sub-arrays.")
         positions = tuple(self.positions_m[channel] for channel in channels)
         mapped = None if self.channels is None else tuple(self.channels[channel] for channel in channels)
         return MicrophoneArray(name or self.name, positions, self.speed_of_sound, self.steering, mapped)

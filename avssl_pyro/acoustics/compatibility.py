@@ -17,8 +17,8 @@ def matching_channels(recorded: MicrophoneArray, wanted: MicrophoneArray, where:
     """
     if recorded.steering != wanted.steering:
         raise InputError(
-            f"{where}: it was recorded with array '{recorded.name}' {recorded.steering.phrase}, but array "
-            f"'{wanted.name}' hears {wanted.steering.phrase}; give a recording of that array."
+            f"{where}: it was recorded with array '{recorded.name}' {recorded.steering.description}, but array "
+            f"'{wanted.name}' hears {wanted.steering.description}; give a recording of that array."
         )
     if wanted.steering.num_microphones is not None:
         # Their channels have an order of their own, whatever positions the files give.

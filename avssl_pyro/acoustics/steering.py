@@ -62,7 +62,7 @@ class SteeringKind(Protocol):
         ...
 
     @property
-    def phrase(self) -> str:
+    def description(self) -> str:
         """How messages put it, e.g. ``in free field``."""
         ...
 

@@ -27,7 +27,7 @@ class FreeFieldKind:
     kind: ClassVar[str] = "free-field"
     has_delays: ClassVar[bool] = True
     num_microphones: ClassVar[None] = None
-    phrase: ClassVar[str] = "in free field"
+    description: ClassVar[str] = "in free field"
 
     def check(self, array: ArrayGeometry) -> None:
         """Any positions will do."""
@@ -66,7 +66,7 @@ class RigidSphereKind:
             )
 
     @property
-    def phrase(self) -> str:
+    def description(self) -> str:
         centre = ", ".join(f"{value:g}" for value in self.centre_m)
         return f"on a rigid sphere of radius {self.radius_m:g} m around ({centre})"
 
@@ -107,7 +107,7 @@ class AmbisonicsKind:
                 raise InputError(f"steering: {name} is '{getattr(self, name)}'; known are {', '.join(known)}.")
 
     @property
-    def phrase(self) -> str:
+    def description(self) -> str:
         return f"in first-order ambisonics ({self.order}, {self.normalization})"
 
     def check(self, array: ArrayGeometry) -> None:
@@ -153,7 +153,7 @@ class MeasuredKind:
         return cls(file, hashlib.sha256(file.read_bytes()).hexdigest(), responses.num_microphones, responses)
 
     @property
-    def phrase(self) -> str:
+    def description(self) -> str:
         return f"by the measured responses of {self.file.name} (SHA-256 {self.sha256[:8]})"
 
     def check(self, array: ArrayGeometry) -> None:

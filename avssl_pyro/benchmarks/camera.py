@@ -16,8 +16,7 @@ from avssl_pyro.diagnosis.camera import judge, orientation_search
 from avssl_pyro.diagnosis.finding import Severity
 from avssl_pyro.evaluation.tables import Column, Table
 from avssl_pyro.io.clip_files import fit_image
-from avssl_pyro.simulation.camera import Camera
-from avssl_pyro.simulation.recordings import RecordingSimulator
+from avssl_pyro.simulation.recordings import Camera, RecordingSimulator
 from avssl_pyro.systems.system import System
 
 WINDOW_S = 1.0
@@ -83,7 +82,7 @@ class CameraExperiment:
     def clips(self, index: int) -> list[Clip]:
         """Seconds of recording ``index``, each with the image in its middle."""
         recording = replace(self.simulator, camera=self.camera(index)).draw(index)
-        audio_mn, film = recording.record(), recording.film()
+        audio_mn, film = recording.render_audio(), recording.render_video()
         length = round(WINDOW_S * SAMPLE_RATE)
         return [
             Clip(

@@ -42,7 +42,7 @@ def choose_scenes(dataset: SceneDataset, talkers: int, most: int) -> list[int]:
     """Indices of the first scenes with ``talkers`` talkers, a silent person, and nobody closer than a metre."""
     chosen: list[int] = []
     for index in range(len(dataset)):
-        labels, people = dataset.labels(index), dataset.facts(index).get("people", ())
+        labels, people = dataset.labels(index), dataset.metadata(index).get("people", ())
         apart = all(person["distance_m"] >= LEAST_DISTANCE_M for person in people)
         if len(labels.talker_azimuths) == talkers and labels.silent_azimuths and apart:
             chosen.append(index)

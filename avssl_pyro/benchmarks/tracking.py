@@ -16,8 +16,8 @@ from avssl_pyro.evaluation.tables import Column, Table
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores, tracking_scores
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import LocalizedSource, SourceThresholds, select_sources
-from avssl_pyro.simulation.moving_audio import MovingAudioConfig, render_moving
-from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
+from avssl_pyro.simulation.motion import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
+from avssl_pyro.simulation.moving_source import MovingAudioConfig, render_moving_talkers
 from avssl_pyro.tracking.online import OnlineTracker
 from avssl_pyro.tracking.tracker import TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
 
@@ -131,7 +131,7 @@ class RenderedRecordings:
         """Recording ``index``; a talker is in the windows that it fills half of, at its azimuth in their middle."""
         rng = np.random.default_rng([self.seed, index])
         talkers = draw_moving_talkers(self.talkers, rng)
-        audio_mn = render_moving(talkers, self.localizer.config.array, self.audio, rng)
+        audio_mn = render_moving_talkers(talkers, self.localizer.config.array, self.audio, rng)
         instants = ceil(self.window_s / self.talkers.step_s)
         starts = range(len(talkers.times_s) - instants + 1)
         truth = [_truth(talkers, slice(t, t + instants)) for t in starts]

@@ -10,8 +10,8 @@ import tyro
 from avssl_pyro.benchmarks.camera import CameraExperiment, camera_table
 from avssl_pyro.cli.options import AssetOptions, choose_system
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.camera import Camera
-from avssl_pyro.simulation.moving_people import MovingPeopleConfig
+from avssl_pyro.simulation.motion import MovingPeopleConfig
+from avssl_pyro.simulation.recordings import Camera
 from avssl_pyro.systems.checkpoint import fingerprint
 
 

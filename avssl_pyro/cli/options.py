@@ -15,11 +15,10 @@ from avssl_pyro.errors import InputError
 if TYPE_CHECKING:
     from avssl_pyro.acoustics.array import MicrophoneArray
     from avssl_pyro.recordings.discovery import Alignment
-    from avssl_pyro.simulation.camera import Camera
-    from avssl_pyro.simulation.moving_people import MovingPeopleConfig
+    from avssl_pyro.simulation.motion import MovingPeopleConfig
     from avssl_pyro.simulation.panoramas import PanoramaSource
     from avssl_pyro.simulation.people import PersonSource
-    from avssl_pyro.simulation.recordings import RecordingSimulator
+    from avssl_pyro.simulation.recordings import Camera, RecordingSimulator
     from avssl_pyro.simulation.speech import SpeechSource
     from avssl_pyro.systems.system import System
 

@@ -140,7 +140,7 @@ def _backend(options: SimulateOptions) -> Iterator[None]:
 class _StoredScene:
     clip: Clip
     labels: SceneLabels
-    facts: dict[str, Any]
+    metadata: dict[str, Any]
 
 
 def _preview(options: SimulateOptions, simulator: SceneSimulator) -> bytes:
@@ -152,5 +152,5 @@ def _preview(options: SimulateOptions, simulator: SceneSimulator) -> bytes:
     dataset = SceneDataset(options.out)
     count = min(len(dataset), PREVIEW_SCENES)
     indices = [index * len(dataset) // count for index in range(count)]
-    scenes = [_StoredScene(dataset[index], dataset.labels(index), dataset.facts(index)) for index in indices]
+    scenes = [_StoredScene(dataset[index], dataset.labels(index), dataset.metadata(index)) for index in indices]
     return contact_sheet(scenes, f"{options.out}: {title}")

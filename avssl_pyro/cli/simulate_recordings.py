@@ -22,9 +22,8 @@ from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.dcase import write_dcase
 from avssl_pyro.io.video_writer import open_video
-from avssl_pyro.simulation.camera import Camera
-from avssl_pyro.simulation.moving_people import MovingPeopleConfig
-from avssl_pyro.simulation.recordings import RecordingSimulator, SimulatedRecording
+from avssl_pyro.simulation.motion import MovingPeopleConfig
+from avssl_pyro.simulation.recordings import Camera, RecordingSimulator, SimulatedRecording
 
 FRAME_RATE = 30_000 / 1001
 # STARSS23's own folds of these splits.
@@ -128,7 +127,7 @@ def _paths(options: SimulateRecordingsOptions, array: MicrophoneArray, name: str
 def _write_audio(path: Path, recording: SimulatedRecording, rate: int) -> None:
     """16 bit, on the channels that the array's file says, others silent."""
     array = recording.simulator.array
-    audio_mn: npt.NDArray[np.float32] = recording.record()
+    audio_mn: npt.NDArray[np.float32] = recording.render_audio()
     if rate != SAMPLE_RATE:
         divisor = int(np.gcd(rate, SAMPLE_RATE))
         audio_mn = resample_poly(audio_mn, rate // divisor, SAMPLE_RATE // divisor, axis=-1)
@@ -140,7 +139,7 @@ def _write_audio(path: Path, recording: SimulatedRecording, rate: int) -> None:
 
 
 def _write_video(path: Path, recording: SimulatedRecording, options: SimulateRecordingsOptions) -> None:
-    film, rate = recording.film(), options.frame_rate
+    film, rate = recording.render_video(), options.frame_rate
     seconds = recording.voices.sounding_st.shape[1] / 10
     with open_video(path, options.width, options.width // 2, rate) as writer:
         for number in tqdm(range(round(seconds * rate)), unit="frame", desc=path.stem):

@@ -18,8 +18,8 @@ from avssl_pyro.benchmarks.tracking import (
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.simulation.moving_audio import MovingAudioConfig
-from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig
+from avssl_pyro.simulation.motion import MovingTalkersConfig
+from avssl_pyro.simulation.moving_source import MovingAudioConfig
 from avssl_pyro.systems.config import ModelConfig
 from avssl_pyro.systems.system import SystemConfig, build_system
 from avssl_pyro.tracking.tracker import TrackingConfig

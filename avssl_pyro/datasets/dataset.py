@@ -14,12 +14,12 @@ from avssl_pyro.acoustics.compatibility import matching_channels
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.datasets.encoding import (
     AUDIO_EXTENSIONS,
-    FACTS_EXTENSION,
     FLAC_MAX_CHANNELS,
     IMAGE_EXTENSION,
+    METADATA_EXTENSION,
     decode_audio,
-    decode_facts,
     decode_image,
+    decode_metadata,
 )
 from avssl_pyro.datasets.manifest import to_json
 from avssl_pyro.datasets.shard_reader import ShardReader
@@ -27,7 +27,7 @@ from avssl_pyro.errors import InputError
 
 
 class SceneDataset(Dataset[Clip]):
-    """Clips by index; labels and facts only on request, so that none can slip into training.
+    """Clips by index; labels and metadata only on request, so that none can slip into training.
 
     Shard sizes are checked at once, the checksum of a shard before its first scene is read, in each process. May be
     pickled and forked at any time.
@@ -110,22 +110,22 @@ class SceneDataset(Dataset[Clip]):
         Raises:
             InputError: the scene has no labels, or its shard is damaged.
         """
-        labels = self._facts(index)[0]
+        labels = self._metadata(index)[0]
         if labels is None:
             number, shard, position = self._locate(index)
             where = self._readers[number].where(shard, position)
             raise InputError(f"{where} has no labels, as recordings have none; evaluate on labelled scenes.")
         return labels
 
-    def facts(self, index: int) -> dict[str, Any]:
+    def metadata(self, index: int) -> dict[str, Any]:
         """What was noted about a scene when it was made; degrees, metres, seconds."""
-        return self._facts(index)[1]
+        return self._metadata(index)[1]
 
-    def _facts(self, index: int) -> tuple[SceneLabels | None, dict[str, Any]]:
+    def _metadata(self, index: int) -> tuple[SceneLabels | None, dict[str, Any]]:
         number, shard, position = self._locate(index)
         reader = self._readers[number]
-        content = reader.read(shard, position, FACTS_EXTENSION)
-        return decode_facts(content, reader.where(shard, position))
+        content = reader.read(shard, position, METADATA_EXTENSION)
+        return decode_metadata(content, reader.where(shard, position))
 
     def _locate(self, index: int) -> tuple[int, int, int]:
         if not -len(self) <= index < len(self):

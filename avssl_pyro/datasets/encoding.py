@@ -1,4 +1,4 @@
-"""Scenes as files: audio as FLAC or WAV, the image as JPEG, labels and facts as JSON in degrees.
+"""Scenes as files: audio as FLAC or WAV, the image as JPEG, labels and metadata as JSON in degrees.
 
 16-bit FLAC has the size of 24-bit FLAC times 0.6 and its quantization noise lies some 40 dB under the noise of a scene.
 JPEG at quality 95 without chroma subsampling takes a third of the space and half the decoding time of PNG.
@@ -21,7 +21,7 @@ from avssl_pyro.errors import InputError
 FLAC_MAX_CHANNELS = 8
 AUDIO_EXTENSIONS = ("flac", "wav")
 IMAGE_EXTENSION = "jpg"
-FACTS_EXTENSION = "json"
+METADATA_EXTENSION = "json"
 
 _FULL_SCALE = 32768.0
 _FLAC_COMPRESSION = 0.0
@@ -41,14 +41,14 @@ _QUIET_RMS = 3e-3
 
 
 class Scene(Protocol):
-    """A clip, its labels where it has any, and further facts about it (plain JSON values; degrees, metres)."""
+    """A clip, its labels where it has any, and further metadata about it (plain JSON values; degrees, metres)."""
 
     @property
     def clip(self) -> Clip: ...
     @property
     def labels(self) -> SceneLabels | None: ...
     @property
-    def facts(self) -> dict[str, Any]: ...
+    def metadata(self) -> dict[str, Any]: ...
 
 
 class LabeledScene(Scene, Protocol):
@@ -70,7 +70,7 @@ def encode_scene(scene: Scene) -> dict[str, bytes]:
     return (
         _encode_audio(scene.clip.audio_mn, where=f"scene '{key}'")
         | {IMAGE_EXTENSION: _encode_image(scene.clip.image_ijc, where=f"scene '{key}'")}
-        | {FACTS_EXTENSION: _encode_facts(scene)}
+        | {METADATA_EXTENSION: _encode_metadata(scene)}
     )
 
 
@@ -127,13 +127,13 @@ def decode_image(content: bytes, where: str) -> npt.NDArray[np.uint8]:
     return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
 
 
-def _encode_facts(scene: Scene) -> bytes:
+def _encode_metadata(scene: Scene) -> bytes:
     labels = scene.labels
     content = {
         "key": scene.clip.key,
         "talker_azimuths_deg": None if labels is None else _degrees(labels.talker_azimuths),
         "silent_azimuths_deg": None if labels is None else _degrees(labels.silent_azimuths),
-        "facts": scene.facts,
+        "facts": scene.metadata,
     }
     return json.dumps(content, indent=1, sort_keys=True, allow_nan=False).encode()
 
@@ -142,8 +142,8 @@ def _degrees(azimuths: tuple[float, ...]) -> list[float]:
     return [round(math.degrees(azimuth), 9) for azimuth in azimuths]
 
 
-def decode_facts(content: bytes, where: str) -> tuple[SceneLabels | None, dict[str, Any]]:
-    """Labels (radians; None where it has none) and facts of a stored scene.
+def decode_metadata(content: bytes, where: str) -> tuple[SceneLabels | None, dict[str, Any]]:
+    """Labels (radians; None where it has none) and metadata of a stored scene.
 
     Raises:
         InputError: they are not what :func:`encode_scene` writes.

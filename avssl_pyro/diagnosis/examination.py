@@ -36,7 +36,7 @@ def examine(excerpts: Excerpts, array: MicrophoneArray) -> tuple[Finding, ...]:
     findings += [*check_clipping(excerpts), *check_duplicates(excerpts)]
     unusable = {*levels.dead, *(second for _, second, _ in find_duplicates(excerpts))}
     if not (array.positions_m and array.steering.has_delays):
-        found = f"order, signs and delays of channels cannot be checked on an array {array.steering.phrase}"
+        found = f"order, signs and delays of channels cannot be checked on an array {array.steering.description}"
         return (*findings, Finding("array", Severity.NOTE, found, 1.0, "listen to the channels one by one"))
     usable = [channel for channel in range(array.num_microphones) if channel not in unusable]
     if len(usable) < 2:

@@ -68,7 +68,7 @@ class DoaBaseline:
         if self.doa is SRP and not self.array.steering.has_delays:
             raise InputError(
                 f"{self.name} needs delays between microphones, but array '{self.array.name}' hears "
-                f"{self.array.steering.phrase}, whose channels differ in level alone; use MUSIC."
+                f"{self.array.steering.description}, whose channels differ in level alone; use MUSIC."
             )
 
     @cached_property

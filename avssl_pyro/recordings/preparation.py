@@ -55,7 +55,7 @@ class CutClip:
 
     clip: Clip
     labels: SceneLabels | None
-    facts: dict[str, Any]
+    metadata: dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ class ClipCutter:
         recording, rows = self.recordings[place.recording], self.labels[place.recording]
         # Labels go by the audio's clock.
         labels = None if rows is None else labels_between(rows, place.start_s + recording.offset_s, self.clip_s)
-        facts = {"recording": recording.name, "start_s": place.start_s, "rms": place.rms}
-        return CutClip(recording.clip_at(place.start_s, self.clip_s), labels, facts)
+        metadata = {"recording": recording.name, "start_s": place.start_s, "rms": place.rms}
+        return CutClip(recording.clip_at(place.start_s, self.clip_s), labels, metadata)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What is where in a scene: who stands and speaks, in which room, drawn before anything is rendered."""
+"""Random layout of a scene before rendering: the room, its people, and which of them speak."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,21 +9,21 @@ import numpy.typing as npt
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.clip import CLIP_SAMPLES
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.compositing import Standing
+from avssl_pyro.simulation.compositing import PersonPosition
 
 # Height of the mouth as a share of body height.
 MOUTH_HEIGHT = 0.92
-# Nobody's head is hidden behind a nearer person: that one's half width is kept clear.
+# Half width of a person, kept clear so that no head is hidden behind a nearer person.
 HALF_WIDTH_M = 0.3
 PLACING_ATTEMPTS = 1000
 
 
 @dataclass(frozen=True)
 class Condition:
-    """How many people stand in a scene and how many of them speak, both drawn uniformly.
+    """Numbers of people and of talkers in a scene, both drawn uniformly.
 
     Args:
-        name: as on the command line.
+        name: value of the command line option.
         people: possible numbers of people.
         talkers: possible numbers of talkers (never more than people); ``None`` if all speak.
     """
@@ -41,23 +41,23 @@ CONDITIONS: dict[str, Condition] = {condition.name: condition for condition in (
 
 @dataclass(frozen=True)
 class SceneConfig:
-    """Ranges that scenes are drawn from, uniformly unless told otherwise; the defaults are those of Sec. IV.
+    """Distribution of scenes; every range is uniform, and the defaults are those of Sec. IV.
 
     Args:
         condition: numbers of people and talkers.
-        level_range_db: power of each talker's reverberant image, averaged over the microphones, about a reference.
+        level_range_db: power of each talker's reverberant image, averaged over microphones, relative to a reference.
         snr_db: power of the mixture over that of the white Gaussian noise, which is independent between microphones.
-        rt60_range_s: reverberation time.
-        distance_range_m: from the camera to a person along the floor.
-        height_range_m: of a person.
-        min_separation_deg: between any two people; more beside a near person, see :func:`draw_layout`.
-        room_dims_m: length, width, height; camera and array stand over the middle of the floor.
-        camera_height_range_m: of camera and array, which share their place.
+        rt60_range_s: reverberation time, seconds.
+        distance_range_m: distance of a person from the camera along the floor, metres.
+        height_range_m: height of a person, metres.
+        min_separation_deg: least angle between two people; greater next to a near person, see :func:`draw_layout`.
+        room_dims_m: length, width and height, metres; camera and array are over the middle of the floor.
+        camera_height_range_m: height of camera and array, which have the same position, metres.
         peak_range_db: peak of the finished clip relative to full scale.
-        num_samples: length of the clip at 16 kHz.
+        num_samples: length of the clip in samples at 16 kHz.
 
     Raises:
-        InputError: a range is upside down or people would stand in a wall.
+        InputError: the limits of a range are exchanged, or people would stand outside the room.
     """
 
     condition: Condition = SOME_SILENT
@@ -97,7 +97,7 @@ class SceneConfig:
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> "SceneConfig":
-        """Rebuilds a configuration from ``dataclasses.asdict``, as read back from JSON."""
+        """Builds a configuration from the values of ``asdict`` after a round trip through JSON."""
         values: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value for name, value in data.items()
         }
@@ -110,16 +110,16 @@ class SceneConfig:
 
 
 @dataclass(frozen=True)
-class PersonFacts:
-    """The truth about one person.
+class PersonMetadata:
+    """Position and activity of one person.
 
     Args:
-        azimuth: of the head and mouth, radians, wrapped to [-pi, pi).
-        distance_m: along the floor.
-        height_m: of the body.
-        mouth_height_m: above the floor.
-        mouth_elevation: of the mouth above the camera's horizon, radians.
-        speaks: whether it is a talker.
+        azimuth: azimuth of head and mouth, radians in [-pi, pi).
+        distance_m: distance along the floor, metres.
+        height_m: body height, metres.
+        mouth_height_m: height of the mouth above the floor, metres.
+        mouth_elevation: elevation of the mouth above the camera's horizon, radians.
+        speaks: True for a talker.
         level_db: power of the talker's reverberant image relative to the reference; ``None`` if silent.
     """
 
@@ -132,11 +132,11 @@ class PersonFacts:
     level_db: float | None
 
     @property
-    def standing(self) -> Standing:
-        return Standing(self.azimuth, self.distance_m, self.height_m)
+    def position(self) -> PersonPosition:
+        return PersonPosition(self.azimuth, self.distance_m, self.height_m)
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON-able, in degrees and metres."""
+        """Plain JSON values, in degrees and metres."""
         return {
             "azimuth_deg": round(float(np.rad2deg(self.azimuth)), 4),
             "distance_m": round(self.distance_m, 4),
@@ -150,30 +150,37 @@ class PersonFacts:
 
 @dataclass(frozen=True)
 class Layout:
-    """One scene before rendering; ``room_yaw`` is the azimuth of the room's own x axis from the camera, radians."""
+    """The room and the people of one scene.
 
-    people: tuple[PersonFacts, ...]
+    Args:
+        people: all people of the scene.
+        rt60_s: reverberation time, seconds.
+        camera_height_m: height of camera and array above the floor, metres.
+        room_yaw: azimuth of the room's x axis in the camera's coordinates, radians.
+    """
+
+    people: tuple[PersonMetadata, ...]
     rt60_s: float
     camera_height_m: float
     room_yaw: float
 
     @property
-    def talkers(self) -> tuple[PersonFacts, ...]:
+    def talkers(self) -> tuple[PersonMetadata, ...]:
         return tuple(person for person in self.people if person.speaks)
 
-    def alone(self) -> "Layout":
-        """The same room without people."""
+    def without_people(self) -> "Layout":
+        """Returns the same room without people."""
         return replace(self, people=())
 
 
 def draw_layout(config: SceneConfig, rng: np.random.Generator) -> Layout:
-    """Draws a room, its people and who speaks.
+    """Draws a room, its people, and which of them speak.
 
-    Two people are at least ``min_separation_deg`` apart, and at least the half width of the nearer one (0.3 m, which
-    is 31 degrees at 0.5 m), so that nobody's middle is hidden.
+    Two people are at least ``min_separation_deg`` apart, and at least the half width of the nearer person (0.3 m, or 31
+    degrees at 0.5 m). The middle of every person is thus visible.
 
     Raises:
-        InputError: so many people do not fit at this separation.
+        InputError: the people do not fit at this separation.
     """
     num_people = int(rng.choice(config.condition.people))
     if config.condition.talkers is None:
@@ -198,7 +205,7 @@ def draw_layout(config: SceneConfig, rng: np.random.Generator) -> Layout:
         mouth_m = MOUTH_HEIGHT * height_m
         level_db = float(rng.uniform(*config.level_range_db))
         people.append(
-            PersonFacts(
+            PersonMetadata(
                 azimuth=float(azimuths_p[person]),
                 distance_m=float(distances_p[person]),
                 height_m=height_m,

@@ -1,8 +1,8 @@
-"""Backgrounds of scenes: what a source of panoramas offers, and the source that reads a folder."""
+"""Backgrounds of scenes: the interface of a source of panoramas, and a source that reads a folder."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import cv2
 import numpy as np
@@ -10,39 +10,38 @@ import numpy.typing as npt
 
 from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.assets import list_assets
+from avssl_pyro.simulation.assets import AssetFolder
 
-SUFFIXES = frozenset({".jpg", ".jpeg", ".png"})
 CACHED_PANORAMAS = 64
 WORKING_COLUMNS = 4 * IMAGE_COLUMNS
 
 
 class PanoramaSource(Protocol):
-    """Where the surroundings in an image come from."""
+    """A source of rooms without people."""
 
     @property
     def name(self) -> str:
-        """Short identity for manifests, e.g. ``procedural``."""
+        """Short name for manifests, e.g. ``procedural``."""
         ...
 
     def describe(self) -> str:
-        """One line for people: what the panoramas are and how many."""
+        """One readable line: kind and number of the panoramas."""
         ...
 
     def draw(self, rng: np.random.Generator, camera_height_m: float) -> npt.NDArray[np.uint8]:
-        """A room without people, uint8 RGB, equirectangular, facing anywhere.
+        """Draws a room, uint8 RGB, equirectangular, with any direction in the middle.
 
-        Either the full sphere (width twice the height) or elevations -55..55 degrees alone (the shape of a clip's
-        image, 88 x 288, or a multiple). A source that cannot choose the height of its camera ignores the request.
+        The panorama is a full sphere (width twice the height), or has elevations -55 to 55 degrees alone (88 x 288
+        pixels or a multiple). A source of photographs ignores the height of the camera.
         """
         ...
 
 
-def face(panorama_ijc: npt.NDArray[np.uint8], yaw: float) -> npt.NDArray[np.uint8]:
-    """The panorama turned left by ``yaw`` radians (to the nearest column) and brought to a clip's image, (88, 288, 3).
+def to_clip_image(panorama_ijc: npt.NDArray[np.uint8], yaw: float) -> npt.NDArray[np.uint8]:
+    """Rotates a panorama left by ``yaw`` radians and resizes it to a clip's image, (88, 288, 3).
 
     Raises:
-        InputError: it is neither a full sphere nor shaped as a clip's image.
+        InputError: the panorama is neither a full sphere nor shaped as a clip's image.
     """
     rows, columns = panorama_ijc.shape[:2]
     shift = round(yaw / (2 * np.pi) * columns)
@@ -57,14 +56,14 @@ def face(panorama_ijc: npt.NDArray[np.uint8], yaw: float) -> npt.NDArray[np.uint
         return np.asarray(resized, dtype=np.uint8)
     raise InputError(
         f"a panorama of {columns} x {rows} pixels is neither a full sphere (width twice the height) "
-        f"nor {IMAGE_COLUMNS} x {IMAGE_ROWS}."
+        f"nor {IMAGE_COLUMNS} x {IMAGE_ROWS}; give one of these shapes."
     )
 
 
-def whole_sphere(panorama_ijc: npt.NDArray[np.uint8], yaw: float, columns: int) -> npt.NDArray[np.uint8]:
-    """The panorama turned left by ``yaw`` radians as a full sphere, (columns / 2, columns, 3).
+def to_full_sphere(panorama_ijc: npt.NDArray[np.uint8], yaw: float, columns: int) -> npt.NDArray[np.uint8]:
+    """Rotates a panorama left by ``yaw`` radians and extends it to a full sphere, (columns / 2, columns, 3).
 
-    Above and below a panorama of fewer elevations its edge is repeated.
+    Elevations outside the panorama repeat its edge.
     """
     rows_given, columns_given = panorama_ijc.shape[:2]
     turned_ijc = np.roll(panorama_ijc, -round(yaw / (2 * np.pi) * columns_given), axis=1)
@@ -77,32 +76,23 @@ def whole_sphere(panorama_ijc: npt.NDArray[np.uint8], yaw: float, columns: int) 
 
 
 @dataclass(frozen=True)
-class PanoramaFolder:
-    """Panoramas from the equirectangular JPEG or PNG files found under a folder; each covers the full sphere, 2:1.
+class PanoramaFolder(AssetFolder):
+    """Panoramas from the equirectangular JPEG and PNG files under a folder; each is a full sphere, 2:1.
 
-    The latest ones are kept in memory at working size, and left out when the object travels to another process.
+    The latest panoramas stay in memory at working size; pickling leaves them out.
 
     Raises:
-        InputError: the folder is missing or empty; on drawing, a file that cannot be read or is not twice as wide as
-            high.
+        InputError: the folder is missing or empty; on drawing, a file cannot be read or is not twice as wide as high.
     """
 
-    folder: Path
-    paths: tuple[Path, ...] = field(init=False, repr=False)
-    _cache: dict[Path, npt.NDArray[np.uint8]] = field(init=False, repr=False, compare=False, default_factory=dict)
+    suffixes: ClassVar[frozenset[str]] = frozenset({".jpg", ".jpeg", ".png"})
+    kind: ClassVar[str] = "panorama"
+    plural: ClassVar[str] = "panoramas"
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "paths", list_assets(self.folder, SUFFIXES, "panorama"))
+    _cache: dict[Path, npt.NDArray[np.uint8]] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
         return {"folder": self.folder, "paths": self.paths, "_cache": {}}
-
-    @property
-    def name(self) -> str:
-        return f"folder:{self.folder}"
-
-    def describe(self) -> str:
-        return f"{len(self.paths)} panoramas of {self.folder}"
 
     def draw(self, rng: np.random.Generator, camera_height_m: float) -> npt.NDArray[np.uint8]:  # noqa: ARG002
         path = self.paths[int(rng.integers(len(self.paths)))]
@@ -115,19 +105,19 @@ class PanoramaFolder:
 
 
 def read_panorama(path: Path) -> npt.NDArray[np.uint8]:
-    """A full-sphere panorama, uint8 RGB, at most 1152 columns wide.
+    """Reads a full-sphere panorama, uint8 RGB, at most 1152 columns wide.
 
     Raises:
         InputError: the file cannot be read or is not twice as wide as high.
     """
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     if image is None:
-        raise InputError(f"{path}: cannot read the panorama; a JPEG or PNG is expected.")
+        raise InputError(f"{path}: cannot read the panorama; give a JPEG or PNG.")
     rows, columns = image.shape[:2]
     if columns != 2 * rows or columns < IMAGE_COLUMNS:
         raise InputError(
-            f"{path}: the panorama is {columns} x {rows} pixels; an equirectangular full sphere, twice as wide as "
-            f"high and at least {IMAGE_COLUMNS} wide, is expected."
+            f"{path}: the panorama is {columns} x {rows} pixels; give an equirectangular full sphere, twice as wide as "
+            f"high and at least {IMAGE_COLUMNS} wide."
         )
     if columns > WORKING_COLUMNS:
         image = cv2.resize(image, (WORKING_COLUMNS, WORKING_COLUMNS // 2), interpolation=cv2.INTER_AREA)

@@ -1,8 +1,8 @@
-"""Room responses of arrays that scatter or encode sound: every reflection is a plane wave, heard as the array hears it.
+"""Room responses of arrays that scatter or encode sound, with every reflection as a plane wave.
 
-The image method gives each reflection's direction, delay and strength at the array's origin; the array's own response
-to plane waves does the rest. Left out: that waves of near sources are curved, and that a body of the array throws
-sound back into the room.
+The image method gives the direction, delay and gain of each reflection at the array's origin. The array's response to
+plane waves maps them to the microphones. Two effects are neglected: the curvature of waves from near sources, and
+sound that the array scatters back into the room.
 """
 
 import math
@@ -16,24 +16,24 @@ from scipy.spatial import cKDTree
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
 
-# Reflections come from the nearest of so many directions, at most 3 degrees away; the direct sound from its own.
+# Reflections use the nearest of these tabulated directions, at most 3 degrees away; the direct sound uses its own.
 NUM_DIRECTIONS = 1500
-# Delays are kept to a quarter of a sample, alike at all microphones.
+# Delays are rounded to a quarter of a sample, alike at all microphones.
 FRACTIONS = 4
-# On either side of the time at which a wave passes the origin, beyond what the extent of the array takes.
+# Margin on either side of the time of arrival at the origin, in addition to the travel time across the array.
 MARGIN_SAMPLES = 32
-# Above, responses fade, or the ends of the filters would ring.
+# Responses fade out above this frequency; otherwise the ends of the filters would ring.
 FADE_FROM_HZ = 7000.0
 
 
 @dataclass(frozen=True)
-class Waves:
-    """Plane waves at the origin of an array; the first is the direct sound.
+class PlaneWaves:
+    """K plane waves at the origin of an array; the first is the direct sound.
 
     Args:
-        unit_vectors_kx: where they come from, in the array's own axes, (K, 3).
-        delays_k: (K,), seconds.
-        gains_k: (K,).
+        unit_vectors_kx: directions of arrival in the array's coordinates, (K, 3).
+        delays_k: delays, (K,), seconds.
+        gains_k: amplitudes, (K,).
     """
 
     unit_vectors_kx: npt.NDArray[np.float64]
@@ -43,26 +43,26 @@ class Waves:
 
 @dataclass(frozen=True)
 class PlaneWaveReceiver:
-    """The array's impulse responses to plane waves from all around.
+    """Impulse responses of an array to plane waves from any direction.
 
     Args:
-        array: of any kind whose response is known in all directions.
+        array: array of any kind with a response in all directions.
 
     Raises:
-        InputError: it is not known; see :meth:`avssl_pyro.acoustics.steering.SteeringModel.pressure`.
+        InputError: the array has no response in all directions, see :meth:`.SteeringModel.pressure`.
     """
 
     array: MicrophoneArray
 
     @property
     def half(self) -> int:
-        """Samples by which all responses are late, so that microphones may hear a wave before the origin does."""
+        """Common delay of all responses in samples, as waves reach some microphones before the origin."""
         farthest_m = float(np.linalg.norm(self.array.positions, axis=-1).max(initial=0.0))
         return MARGIN_SAMPLES + math.ceil(farthest_m / self.array.speed_of_sound * SAMPLE_RATE)
 
     @cached_property
     def _directions(self) -> npt.NDArray[np.float64]:
-        """Points of a Fibonacci lattice on the sphere, (D, 3)."""
+        """Unit vectors of a Fibonacci lattice on the sphere, (D, 3)."""
         number_d = np.arange(NUM_DIRECTIONS)
         z_d = 1 - (2 * number_d + 1) / NUM_DIRECTIONS
         turn_d = number_d * np.pi * (3 - 5**0.5)
@@ -78,7 +78,7 @@ class PlaneWaveReceiver:
         return self._impulses(self._directions)
 
     def _impulses(self, unit_vectors_dx: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        """Impulse responses, (D, V, M, L): version v is late by v / V of a sample."""
+        """Computes impulse responses, (D, V, M, L); version v is late by v / V of a sample."""
         taps = 2 * self.half
         frequency_f = np.fft.rfftfreq(taps, 1 / SAMPLE_RATE).astype(np.float64)
         pressure_fdm = self.array.steering.model(self.array).pressure(unit_vectors_dx, frequency_f)
@@ -92,8 +92,8 @@ class PlaneWaveReceiver:
         window_l = 0.5 - 0.5 * np.cos(np.pi * np.minimum(edge_l, 1.0))
         return (impulse_dvml * window_l).astype(np.float32)
 
-    def responses(self, waves: Waves) -> npt.NDArray[np.float32]:
-        """The sum of the waves at every microphone, (M, L), float32, 16 kHz, late by :attr:`half`."""
+    def responses(self, waves: PlaneWaves) -> npt.NDArray[np.float32]:
+        """Sums the waves at every microphone, (M, L), float32, 16 kHz, late by :attr:`half` samples."""
         start_k, version_k = np.divmod(np.round(waves.delays_k * SAMPLE_RATE * FRACTIONS).astype(np.int64), FRACTIONS)
         _, nearest_k = self._tree.query(waves.unit_vectors_kx)
         taps = 2 * self.half
@@ -101,8 +101,8 @@ class PlaneWaveReceiver:
         response_ml = np.empty((self.array.num_microphones, length), dtype=np.float32)
         place_n = (start_k[1:, None] + np.arange(taps)).ravel()
         for m in range(self.array.num_microphones):
-            heard_kl = self._table_dvml[nearest_k[1:], version_k[1:], m] * waves.gains_k[1:, None]
-            response_ml[m] = np.bincount(place_n, heard_kl.ravel(), minlength=length)
+            response_kl = self._table_dvml[nearest_k[1:], version_k[1:], m] * waves.gains_k[1:, None]
+            response_ml[m] = np.bincount(place_n, response_kl.ravel(), minlength=length)
         direct_ml = waves.gains_k[0] * self._impulses(waves.unit_vectors_kx[:1])[0, version_k[0]]
         response_ml[:, start_k[0] : start_k[0] + taps] += direct_ml
         return response_ml

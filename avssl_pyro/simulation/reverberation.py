@@ -1,7 +1,8 @@
-"""Impulse responses of a shoe-box room by the image method (Allen and Berkley 1979), computed by pyroomacoustics."""
+"""Impulse responses of a shoe-box room by the image method (Allen and Berkley 1979), with pyroomacoustics."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil
 from threading import Lock
@@ -14,7 +15,7 @@ from scipy import fft
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.simulation.plane_waves import PlaneWaveReceiver, Waves
+from avssl_pyro.simulation.plane_waves import PlaneWaveReceiver, PlaneWaves
 
 ORDERS_PER_SECOND = 60.0
 FRACTIONAL_DELAY_TAPS = 41
@@ -23,22 +24,42 @@ RENDERING_CONSTANTS: dict[str, int | bool] = {
     "num_threads": 1,
     # Half the usual length: twice as fast, flat to 7 kHz.
     "frac_delay_length": FRACTIONAL_DELAY_TAPS,
-    # Done once per talker in :func:`reverberate` instead of once per response.
+    # :func:`reverberate` does it once per talker instead of once per response.
     "rir_hpf_enable": False,
 }
-# The image method adds positive echoes only, so direct current piles up (Allen and Berkley); voices hold none.
+# The image method adds positive echoes only, which accumulate at 0 Hz (Allen and Berkley); voices have none there.
 HIGH_PASS_HZ = 20.0
 _CONSTANTS_LOCK = Lock()
 
 
-def truncation_order(rt60_s: float) -> int:
-    """Highest reflection order that is rendered, ``ceil(60 RT60)``: 12 at 0.2 s, 24 at 0.4 s.
+@dataclass(frozen=True)
+class RoomAcoustics:
+    """A room with an array over the middle of its floor.
 
-    In the 5 x 5 x 3 m room every reflection of the first 0.40 RT60 (24 dB of decay) is there; later ones are there in
-    part. Measured against full orders (27 to 53, all reflections within RT60) on 30 random sources at 0.5-2.0 m, above
-    20 Hz: the missing energy is 0.003 % of a response at RT60 0.2 s, 0.02 % at 0.3 s and 0.03 % at 0.4 s (0.042 % or
-    -34 dB at worst, 14 dB below the noise of a scene); 0.3-0.6 % of what comes later than 50 ms after the direct sound;
-    about 30 % of what comes later than RT60 / 2. Reverberation times (T20) come out at most 2 % shorter.
+    Args:
+        dims_m: length, width and height, metres.
+        rt60_s: reverberation time, seconds.
+        array_height_m: height of the array's origin above the floor, metres.
+        room_yaw: azimuth of the room's x axis in the array's coordinates, radians.
+    """
+
+    dims_m: tuple[float, float, float] = (5.0, 5.0, 3.0)
+    rt60_s: float = 0.2
+    array_height_m: float = 1.5
+    room_yaw: float = 0.0
+
+
+def truncation_order(rt60_s: float) -> int:
+    """Returns the highest rendered reflection order, ``ceil(60 RT60)``: 12 at 0.2 s, 24 at 0.4 s.
+
+    In a room of 5 x 5 x 3 m this includes every reflection of the first 0.40 RT60 (24 dB of decay), and part of the
+    later ones. The truncation was measured above 20 Hz on 30 random sources at 0.5 to 2.0 m, against full orders (27
+    to 53, all reflections within RT60):
+
+    - Missing energy of a response: 0.003 % at RT60 0.2 s, 0.02 % at 0.3 s and 0.03 % at 0.4 s. The worst case is
+      0.042 %, or -34 dB, which is 14 dB below the noise of a scene.
+    - Missing energy later than 50 ms after the direct sound: 0.3 to 0.6 %; later than RT60 / 2: about 30 %.
+    - Reverberation times (T20): at most 2 % shorter.
     """
     return ceil(ORDERS_PER_SECOND * rt60_s)
 
@@ -53,27 +74,27 @@ def room_responses(
     rt60_s: float,
     max_order: int | None = None,
 ) -> npt.NDArray[np.float32]:
-    """Responses from each source to each microphone of an array whose origin stands over the middle of the floor.
+    """Computes the responses from each source to each microphone of an array over the middle of the floor.
 
-    In free field every microphone has reflections of its own; other arrays hear plane waves, see
+    For free-field arrays the image method runs per microphone. For other arrays each reflection is a plane wave, see
     :mod:`avssl_pyro.simulation.plane_waves`.
 
     Args:
         array: M microphones, or channels.
-        sources_sx: sources (S, 3), metres, in the array's own axes (x forward, y left, z up from the array's origin).
-        room_dims_m: length, width and height of the room.
-        height_m: height of the array's origin above the floor.
-        room_yaw: azimuth of the room's own x axis seen from the array, radians.
-        rt60_s: reverberation time; Sabine's formula gives the absorption, the same for all walls and frequencies.
-        max_order: highest reflection order, :func:`truncation_order` by default; 0 keeps the direct path alone.
+        sources_sx: positions of the sources, (S, 3), metres, in the array's coordinates (x forward, y left, z up).
+        room_dims_m: length, width and height of the room, metres.
+        height_m: height of the array's origin above the floor, metres.
+        room_yaw: azimuth of the room's x axis in the array's coordinates, radians.
+        rt60_s: reverberation time, seconds. Sabine's formula gives one absorption for all walls and frequencies.
+        max_order: highest reflection order, :func:`truncation_order` by default; 0 gives the direct path alone.
 
     Returns:
-        Responses (S, M, L), float32, 16 kHz, padded with zeros to the longest. All lag by the half length of
-        the fractional delay filters (20 samples; for plane waves, that of the array's responses) and decay with
-        1 / distance in metres.
+        Responses (S, M, L), float32, 16 kHz, zero-padded to the longest. All are late by half the length of the
+        fractional delay filters (20 samples; for plane waves, half the length of the array's responses). Amplitudes
+        are relative to a distance of one metre.
 
     Raises:
-        InputError: the array's responses are measured ones.
+        InputError: the array has measured responses.
     """
     absorption, _ = pra.inverse_sabine(rt60_s, room_dims_m)
     order = truncation_order(rt60_s) if max_order is None else max_order
@@ -95,7 +116,7 @@ def room_responses(
 
 
 def _at_points(room: pra.ShoeBox) -> list[npt.NDArray[np.float32]]:
-    """Responses (M, L) of each source, one microphone at a time."""
+    """Computes the responses (M, L) of each source, microphone by microphone."""
     with _rendering_constants():
         room.compute_rir()
     responses = []
@@ -112,7 +133,7 @@ def _at_receiver(
     centre: npt.NDArray[np.float64],
     to_room: npt.NDArray[np.float64],
 ) -> list[npt.NDArray[np.float32]]:
-    """Responses (M, L) of each source, one reflection at a time."""
+    """Computes the responses (M, L) of each source, reflection by reflection."""
     room.image_source_model()
     responses = []
     for source in room.sources:
@@ -120,12 +141,12 @@ def _at_receiver(
         distance_k = np.linalg.norm(offset_kx, axis=-1)
         order_k = np.argsort(distance_k, kind="stable")
         offset_kx, distance_k, damping_k = offset_kx[order_k], distance_k[order_k], source.damping[0, order_k]
-        waves = Waves(offset_kx / distance_k[:, None], distance_k / room.c, damping_k / distance_k)
+        waves = PlaneWaves(offset_kx / distance_k[:, None], distance_k / room.c, damping_k / distance_k)
         responses.append(receiver.responses(waves))
     return responses
 
 
-# Tables of responses are kept for the next scene.
+# The next scene reuses the table of responses.
 @lru_cache(maxsize=2)
 def _receiver(array: MicrophoneArray) -> PlaneWaveReceiver:
     return PlaneWaveReceiver(array)
@@ -133,7 +154,7 @@ def _receiver(array: MicrophoneArray) -> PlaneWaveReceiver:
 
 @contextmanager
 def _rendering_constants() -> Iterator[None]:
-    # The constants belong to the whole process: threads of one worker must not restore them under each other's feet.
+    # The constants are global to the process: one thread must not restore them while another renders.
     with _CONSTANTS_LOCK:
         before = {name: pra.constants.get(name) for name in RENDERING_CONSTANTS}
         try:
@@ -148,10 +169,10 @@ def _rendering_constants() -> Iterator[None]:
 def reverberate(
     dry_n: npt.NDArray[np.float32], responses_ml: npt.NDArray[np.float32], num_samples: int
 ) -> npt.NDArray[np.float32]:
-    """The last ``num_samples`` of ``dry_n`` as heard through each response, (M, num_samples), float32.
+    """Convolves a dry signal with each response and returns the last ``num_samples``, (M, num_samples), float32.
 
-    What comes before them in ``dry_n`` fills the room, so that the clip does not begin in silence. Sound below 20 Hz
-    is taken out, without any phase shift.
+    The earlier part of ``dry_n`` provides the reverberation at the start of the clip. A zero-phase filter removes sound
+    below 20 Hz.
     """
     length = fft.next_fast_len(len(dry_n) + responses_ml.shape[-1] - 1, real=True)
     frequencies_f = np.arange(length // 2 + 1, dtype=np.float32) * (SAMPLE_RATE / length)

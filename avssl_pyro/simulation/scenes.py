@@ -1,4 +1,4 @@
-"""Renders scenes: one second of a microphone array and the 360-degree image that goes with it."""
+"""Simulation of scenes: one second of multichannel audio, a 360-degree image, and the true labels."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,8 +12,8 @@ from avssl_pyro.acoustics.steering_kinds import MeasuredKind
 from avssl_pyro.clip import SAMPLE_RATE, Clip, SceneLabels
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.compositing import Composite, composite, relight
-from avssl_pyro.simulation.layout import Layout, PersonFacts, SceneConfig, draw_layout
-from avssl_pyro.simulation.panoramas import PanoramaSource, face
+from avssl_pyro.simulation.layout import Layout, PersonMetadata, SceneConfig, draw_layout
+from avssl_pyro.simulation.panoramas import PanoramaSource, to_clip_image
 from avssl_pyro.simulation.people import PersonSource
 from avssl_pyro.simulation.reverberation import reverberate, room_responses
 from avssl_pyro.simulation.speech import SpeechSource
@@ -21,35 +21,35 @@ from avssl_pyro.simulation.synthetic_people import ProceduralPerson
 from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
 
-# Speech begins this long before the clip, so that the room is already sounding when the clip starts.
+# Speech begins this long before the clip, so that the clip starts with reverberation.
 LEAD_SAMPLES = SAMPLE_RATE // 5
-# Silence (relative to speech of unit power) is left silent instead of being divided by.
+# Least power by which a signal is normalized (speech has unit power), so that silence stays silent.
 MIN_POWER = 1e-10
 
 
 @dataclass(frozen=True)
-class Scene:
-    """A finished scene.
+class SimulatedScene:
+    """A rendered scene.
 
     Args:
-        clip: what training sees.
-        labels: azimuths, for evaluation only.
-        people: everyone in the scene, talkers and silent.
-        rt60_s: reverberation time.
-        camera_height_m: height of camera and array above the floor.
-        room_yaw: azimuth of the room's own x axis, radians.
+        clip: audio and image.
+        labels: true azimuths, for evaluation only.
+        people: all people of the scene, talkers and silent people.
+        rt60_s: reverberation time, seconds.
+        camera_height_m: height of camera and array above the floor, metres.
+        room_yaw: azimuth of the room's x axis, radians.
     """
 
     clip: Clip
     labels: SceneLabels
-    people: tuple[PersonFacts, ...]
+    people: tuple[PersonMetadata, ...]
     rt60_s: float
     camera_height_m: float
     room_yaw: float
 
     @property
-    def facts(self) -> dict[str, Any]:
-        """The truth, JSON-able, in degrees, metres and seconds."""
+    def metadata(self) -> dict[str, Any]:
+        """Plain JSON values that describe the scene, in degrees, metres and seconds."""
         return {
             "people": [person.to_dict() for person in self.people],
             "rt60_s": round(self.rt60_s, 4),
@@ -60,20 +60,20 @@ class Scene:
 
 @dataclass(frozen=True)
 class SceneSimulator:
-    """Scene number ``index`` of a data set, whatever was rendered before, wherever it is rendered.
+    """Simulates scene number ``index`` of a data set, independently of all others and of the machine.
 
-    All randomness comes from (seed, index), split into independent streams for layout, image, voices and noise; so two
-    simulators with different sources or arrays still agree on who stands where. Data sets that must not overlap take
-    different seeds (and different folders). Every scene has a room response of its own; none is reused.
+    All randomness derives from (seed, index), in independent streams for layout, image, voices and noise. Simulators
+    with other sources or arrays thus draw the same layouts. Data sets that must not overlap need different seeds. Room
+    responses are computed for every scene; none is reused.
 
     Args:
-        config: what to draw.
-        seed: of the data set.
-        speech, people, panoramas: the material; made in code by default.
-        array: the microphones, around the camera; the union of the paper's circles by default.
+        config: distribution of the scenes.
+        seed: seed of the data set.
+        speech, people, panoramas: sources of voices, cut-outs and backgrounds; made in code by default.
+        array: microphones around the camera; the union of the paper's circles by default.
 
     Raises:
-        InputError: the seed is negative, or the array is of a kind that rooms are not rendered for.
+        InputError: the seed is negative, or rooms cannot be simulated for this kind of array.
     """
 
     config: SceneConfig = field(default_factory=SceneConfig)
@@ -86,13 +86,13 @@ class SceneSimulator:
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise InputError(f"the seed is {self.seed}; it must be 0 or more.")
-        check_known_all_around(self.array)
+        check_room_simulation(self.array)
 
-    def render(self, index: int) -> Scene:
+    def render(self, index: int) -> SimulatedScene:
         """Renders scene ``index``.
 
         Raises:
-            InputError: a negative index, or material that cannot be used; the message names the file.
+            InputError: the index is negative, or an asset cannot be used; the message names the file.
         """
         layout = self.layout(index)
         audio_mn = self._record(index, layout)
@@ -101,29 +101,34 @@ class SceneSimulator:
             talker_azimuths=tuple(person.azimuth for person in layout.people if person.speaks),
             silent_azimuths=tuple(person.azimuth for person in layout.people if not person.speaks),
         )
-        return Scene(clip, labels, layout.people, layout.rt60_s, layout.camera_height_m, layout.room_yaw)
+        return SimulatedScene(clip, labels, layout.people, layout.rt60_s, layout.camera_height_m, layout.room_yaw)
 
     def layout(self, index: int) -> Layout:
-        """Who stands where in scene ``index``."""
+        """Draws the room and the people of scene ``index``."""
         return draw_layout(self.config, self._streams(index)[0])
 
     def render_image(self, index: int, *, with_people: bool = True) -> Composite:
-        """The image of scene ``index`` and where each person shows; without people, the same room in the same light."""
+        """Renders the image of scene ``index`` and the visible pixels of each person.
+
+        Args:
+            index: number of the scene.
+            with_people: False gives the same room in the same lighting without people.
+        """
         layout, rng = self.layout(index), self._streams(index)[1]
         panorama_ijc = self.panoramas.draw(rng, layout.camera_height_m)
-        background_ijc = relight(face(panorama_ijc, layout.room_yaw), rng)
+        background_ijc = relight(to_clip_image(panorama_ijc, layout.room_yaw), rng)
         if not with_people:
-            layout = layout.alone()
+            layout = layout.without_people()
         cutouts = [self._draw_cutout(rng) for _ in layout.people]
-        return composite(background_ijc, cutouts, [person.standing for person in layout.people], layout.camera_height_m)
+        return composite(background_ijc, cutouts, [person.position for person in layout.people], layout.camera_height_m)
 
     def render_talkers(self, index: int) -> npt.NDArray[np.float32]:
-        """Each talker alone in the room, (S, M, N), ordered as ``labels.talker_azimuths``, before noise and gain."""
+        """Renders each talker separately, (S, M, N), in the order of the labels, without noise and gain."""
         layout = self.layout(index)
         return self._talkers(index, layout, max_order=None)
 
     def render_direct(self, index: int) -> npt.NDArray[np.float32]:
-        """As :meth:`render_talkers`, without any reflection."""
+        """Renders each talker as :meth:`render_talkers` does, without reflections."""
         return self._talkers(index, self.layout(index), max_order=0)
 
     def _streams(self, index: int) -> list[np.random.Generator]:
@@ -176,16 +181,16 @@ class SceneSimulator:
         return mixture_mn
 
 
-def check_known_all_around(array: MicrophoneArray) -> None:
-    """Refuses an array for which rooms cannot be simulated.
+def check_room_simulation(array: MicrophoneArray) -> None:
+    """Checks that rooms can be simulated for an array.
 
     Raises:
-        InputError: its responses were measured, in horizontal directions only.
+        InputError: the array has responses measured in horizontal directions only.
     """
     if isinstance(array.steering, MeasuredKind):
         raise InputError(
-            f"array '{array.name}' hears {array.steering.phrase}, in horizontal directions alone, but a room reflects "
-            "sound from above and below; give recordings of this array instead."
+            f"array '{array.name}' has steering {array.steering.description}, of horizontal directions only, but a "
+            "room reflects sound from above and below; give recordings of this array instead."
         )
 
 

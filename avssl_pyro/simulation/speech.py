@@ -1,9 +1,9 @@
-"""Dry speech for the talkers of a scene: what a source offers, and the source that reads a folder."""
+"""Dry speech of talkers: the interface of a source, and a source that reads a folder."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import gcd
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -12,52 +12,51 @@ from scipy import signal
 
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.assets import list_assets
+from avssl_pyro.simulation.assets import AssetFolder
 
-SUFFIXES = frozenset({".wav", ".flac"})
 FRAME_SAMPLES = SAMPLE_RATE // 50
 # A frame counts as speech when it lies within 30 dB of the loud ones, an excerpt when this share of its frames does.
 ACTIVE_RANGE_DB = 30.0
 ACTIVE_SHARE = 0.7
-# Long recordings are read in one random stretch of this length, so that an hour costs no more than a sentence.
+# Of a long recording one random stretch of this length is read, so that an hour costs no more than a sentence.
 STRETCH_S = 20.0
 
 
 class SpeechSource(Protocol):
-    """Where talkers get their voices."""
+    """A source of dry speech."""
 
     @property
     def name(self) -> str:
-        """Short identity for manifests, e.g. ``procedural``."""
+        """Short name for manifests, e.g. ``procedural``."""
         ...
 
     def describe(self) -> str:
-        """One line for people: what the voices are and how many."""
+        """One readable line: kind and number of the voices."""
         ...
 
     def draw(self, rng: np.random.Generator, num_samples: int) -> npt.NDArray[np.float32]:
-        """Speech in progress, float32 (N,), 16 kHz, unit RMS."""
+        """Draws an excerpt of continuous speech, float32 (N,), 16 kHz, unit RMS."""
         ...
 
 
 def normalize(speech_n: npt.NDArray[np.floating], where: str) -> npt.NDArray[np.float32]:
-    """Unit RMS, as float32.
+    """Scales speech to unit RMS, float32 (N,).
 
     Raises:
-        InputError: the signal is silent; ``where`` names it.
+        InputError: the signal is silent; the message begins with ``where``.
     """
     rms = float(np.sqrt(np.mean(np.square(speech_n, dtype=np.float64))))
     if rms < 1e-6:
-        raise InputError(f"{where}: the recording is silent; every speech file must hold audible speech.")
+        raise InputError(f"{where}: the recording is silent; every speech file must contain audible speech.")
     return (speech_n / rms).astype(np.float32)
 
 
 def active_excerpt(
     speech_n: npt.NDArray[np.floating], num_samples: int, rng: np.random.Generator
 ) -> npt.NDArray[np.floating]:
-    """A random excerpt in which the talker is speaking most of the time.
+    """Draws an excerpt, (num_samples,), in which the talker is active most of the time.
 
-    A signal shorter than ``num_samples`` is set into silence at a random place.
+    A shorter signal is padded with silence to a random position.
     """
     spare = len(speech_n) - num_samples
     if spare <= 0:
@@ -80,31 +79,22 @@ AUDIBLE = 1e-4
 
 
 @dataclass(frozen=True)
-class SpeechFolder:
-    """Speech from any WAV or FLAC files, any rate, any number of channels (mixed down), found under a folder.
+class SpeechFolder(AssetFolder):
+    """Speech from the WAV and FLAC files under a folder, of any rate; channels are averaged.
 
-    The whole folder is one material set: keep training and test speakers in different folders.
+    Keep speakers of training and test in different folders.
 
     Raises:
-        InputError: the folder is missing or empty; on drawing, a file that cannot be read or holds no audible speech.
+        InputError: the folder is missing or empty; on drawing, a file cannot be read or has no audible speech.
     """
 
-    folder: Path
-    paths: tuple[Path, ...] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "paths", list_assets(self.folder, SUFFIXES, "speech"))
-
-    @property
-    def name(self) -> str:
-        return f"folder:{self.folder}"
-
-    def describe(self) -> str:
-        return f"{len(self.paths)} speech files of {self.folder}"
+    suffixes: ClassVar[frozenset[str]] = frozenset({".wav", ".flac"})
+    kind: ClassVar[str] = "speech"
+    plural: ClassVar[str] = "speech files"
 
     def draw(self, rng: np.random.Generator, num_samples: int) -> npt.NDArray[np.float32]:
         path = self.paths[int(rng.integers(len(self.paths)))]
-        # A long recording may be silent for a stretch; one that is silent wherever it is looked at is refused.
+        # A long recording may be silent in one stretch; it is an error only if all stretches are silent.
         for attempt in range(STRETCHES_TRIED):
             excerpt_n = active_excerpt(read_stretch(path, num_samples / SAMPLE_RATE, rng), num_samples, rng)
             if attempt == STRETCHES_TRIED - 1 or np.abs(excerpt_n).max() > AUDIBLE:
@@ -113,10 +103,15 @@ class SpeechFolder:
 
 
 def read_stretch(path: Path, seconds: float, rng: np.random.Generator) -> npt.NDArray[np.float32]:
-    """A stretch of a recording, mixed down and resampled to 16 kHz; all of it unless it is much longer than asked for.
+    """Reads speech, averaged over channels and resampled to 16 kHz, (N,); of a long file a random stretch.
+
+    Args:
+        path: audio file.
+        seconds: least duration of the stretch; shorter files are read whole.
+        rng: random position of the stretch.
 
     Raises:
-        InputError: the file cannot be read, is empty, or holds non-finite samples.
+        InputError: the file cannot be read, is empty, or has non-finite samples.
     """
     try:
         with soundfile.SoundFile(path) as file:
@@ -126,12 +121,12 @@ def read_stretch(path: Path, seconds: float, rng: np.random.Generator) -> npt.ND
                 file.seek(int(rng.integers(frames - wanted + 1)))
             audio_nm = file.read(wanted, dtype="float32", always_2d=True)
     except (soundfile.SoundFileError, OSError) as error:
-        raise InputError(f"{path}: cannot read the speech file ({error}); WAV and FLAC are read.") from error
+        raise InputError(f"{path}: cannot read the speech file ({error}); give WAV or FLAC.") from error
     if len(audio_nm) == 0:
-        raise InputError(f"{path}: the speech file is empty; it must hold audible speech.")
+        raise InputError(f"{path}: the speech file is empty; it must contain audible speech.")
     speech_n: npt.NDArray[np.float32] = audio_nm.mean(axis=1, dtype=np.float32)
     if not np.isfinite(speech_n).all():
-        raise InputError(f"{path}: the speech file holds NaN or infinite samples; all must be finite.")
+        raise InputError(f"{path}: the speech file has NaN or infinite samples; all must be finite.")
     if rate != SAMPLE_RATE:
         common = gcd(rate, SAMPLE_RATE)
         speech_n = signal.resample_poly(speech_n, SAMPLE_RATE // common, rate // common).astype(np.float32)

@@ -1,4 +1,4 @@
-"""People drawn in code, for use without any photograph."""
+"""Synthetic people: cartoon figures drawn in code, without photographs."""
 
 import colorsys
 from dataclasses import dataclass
@@ -11,19 +11,19 @@ ROWS, COLUMNS = 512, 288
 SKIN_RGB = np.array([[255, 219, 190], [234, 190, 155], [198, 146, 106], [150, 102, 68], [98, 64, 42]], dtype=np.float64)
 HAIR_RGB = np.array([[30, 24, 20], [74, 48, 30], [120, 78, 40], [196, 158, 92], [150, 145, 140], [110, 40, 24]])
 
-Color = tuple[float, ...]  # red, green, blue, 0-255
-Canvas = npt.NDArray[np.uint8]
+Rgb255 = tuple[float, ...]  # red, green, blue, 0-255
+RgbaImage = npt.NDArray[np.uint8]
 
 
-def random_color(rng: np.random.Generator, saturation: tuple[float, float], value: tuple[float, float]) -> Color:
-    """An RGB color (0-255) of any hue within ranges of saturation and value (0-1)."""
+def random_color(rng: np.random.Generator, saturation: tuple[float, float], value: tuple[float, float]) -> Rgb255:
+    """Draws an RGB color (0-255) of any hue within ranges of saturation and value (0-1)."""
     rgb = colorsys.hsv_to_rgb(float(rng.uniform()), float(rng.uniform(*saturation)), float(rng.uniform(*value)))
     return (255 * rgb[0], 255 * rgb[1], 255 * rgb[2])
 
 
 @dataclass(frozen=True)
 class ProceduralPerson:
-    """Cartoon people: random build, pose, skin, hair and clothes, seen from the front, the back or aside."""
+    """Cartoon people of random build, pose, skin, hair and clothes, from the front, the back or the side."""
 
     @property
     def name(self) -> str:
@@ -58,12 +58,12 @@ class ProceduralPerson:
         return np.ascontiguousarray(small[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1])
 
 
-def _fill(canvas: Canvas, points: list[tuple[float, float]], color: Color) -> None:
+def _fill(canvas: RgbaImage, points: list[tuple[float, float]], color: Rgb255) -> None:
     polygon = np.round(np.array(points) * 16).astype(np.int32)
     cv2.fillPoly(canvas, [polygon], (*color, 255), lineType=cv2.LINE_AA, shift=4)
 
 
-def _limb(canvas: Canvas, joints: list[tuple[float, float]], widths: tuple[float, ...], color: Color) -> None:
+def _limb(canvas: RgbaImage, joints: list[tuple[float, float]], widths: tuple[float, ...], color: Rgb255) -> None:
     for (x0, y0), (x1, y1), w0, w1 in zip(joints, joints[1:], widths, widths[1:], strict=False):
         length = max(float(np.hypot(x1 - x0, y1 - y0)), 1e-6)
         nx, ny = -(y1 - y0) / length, (x1 - x0) / length
@@ -78,12 +78,12 @@ def _limb(canvas: Canvas, joints: list[tuple[float, float]], widths: tuple[float
             _disc(canvas, x, y, w, w, color)
 
 
-def _disc(canvas: Canvas, x: float, y: float, rx: float, ry: float, color: Color) -> None:
+def _disc(canvas: RgbaImage, x: float, y: float, rx: float, ry: float, color: Rgb255) -> None:
     center, axes = (round(x * 16), round(y * 16)), (round(rx * 16), round(ry * 16))
     cv2.ellipse(canvas, center, axes, 0, 0, 360, (*color, 255), -1, cv2.LINE_AA, 4)
 
 
-def _legs(canvas: Canvas, rng: np.random.Generator, build: float, color: Color, shoe: Color) -> None:
+def _legs(canvas: RgbaImage, rng: np.random.Generator, build: float, color: Rgb255, shoe: Rgb255) -> None:
     middle = COLUMNS / 2
     stance = float(rng.uniform(10, 26))
     for side in (-1, 1):
@@ -95,13 +95,13 @@ def _legs(canvas: Canvas, rng: np.random.Generator, build: float, color: Color, 
         _disc(canvas, foot[0] + turn, 501, 15 + abs(turn) / 2, 9, shoe)
 
 
-def _skirt(canvas: Canvas, rng: np.random.Generator, build: float, color: Color) -> None:
+def _skirt(canvas: RgbaImage, rng: np.random.Generator, build: float, color: Rgb255) -> None:
     middle, hem, flare = COLUMNS / 2, float(rng.uniform(340, 450)), float(rng.uniform(36, 62)) * build
     waist = 30 * build
     _fill(canvas, [(middle - waist, 215), (middle + waist, 215), (middle + flare, hem), (middle - flare, hem)], color)
 
 
-def _torso(canvas: Canvas, rng: np.random.Generator, build: float, color: Color) -> None:
+def _torso(canvas: RgbaImage, rng: np.random.Generator, build: float, color: Rgb255) -> None:
     middle = COLUMNS / 2
     shoulder, waist, hip = 48 * build, float(rng.uniform(28, 38)) * build, 38 * build
     hem = float(rng.uniform(262, 300))
@@ -135,7 +135,7 @@ def _torso(canvas: Canvas, rng: np.random.Generator, build: float, color: Color)
     canvas[stripes & (inside_ij > 0), :3] = np.round(mark)
 
 
-def _arms(canvas: Canvas, rng: np.random.Generator, build: float, sleeve: Color, skin: Color) -> None:
+def _arms(canvas: RgbaImage, rng: np.random.Generator, build: float, sleeve: Rgb255, skin: Rgb255) -> None:
     middle = COLUMNS / 2
     for side in (-1, 1):
         shoulder = (middle + side * 43 * build, 108.0)
@@ -148,7 +148,7 @@ def _arms(canvas: Canvas, rng: np.random.Generator, build: float, sleeve: Color,
         _disc(canvas, wrist[0], wrist[1] + 5, 8, 11, skin)
 
 
-def _head(canvas: Canvas, rng: np.random.Generator, skin: Color, hair: Color) -> None:
+def _head(canvas: RgbaImage, rng: np.random.Generator, skin: Rgb255, hair: Rgb255) -> None:
     x, y = COLUMNS / 2 + float(rng.uniform(-3, 3)), 42.0
     facing = float(rng.uniform(-1.4, 1.4))
     _limb(canvas, [(x, 60.0), (x, 92.0)], (12.0, 14.0), tuple(0.88 * channel for channel in skin))
@@ -156,7 +156,7 @@ def _head(canvas: Canvas, rng: np.random.Generator, skin: Color, hair: Color) ->
     if rng.uniform() < 0.25:  # seen from behind
         _disc(canvas, x, y - 2, 27, 34, hair)
         return
-    dark: Color = (50.0, 36.0, 34.0)
+    dark: Rgb255 = (50.0, 36.0, 34.0)
     for eye in (-1, 1):
         _disc(canvas, x + 9 * eye + 9 * facing, y - 1, 3.4, 2.2, dark)
     _disc(canvas, x + 10 * facing, y + 9, 2.5, 4, tuple(0.85 * channel for channel in skin))
@@ -176,8 +176,8 @@ def _head(canvas: Canvas, rng: np.random.Generator, skin: Color, hair: Color) ->
         )
 
 
-def _shade(canvas: Canvas, rng: np.random.Generator) -> None:
-    """Light from one side and from above: bodies are round."""
+def _shade(canvas: RgbaImage, rng: np.random.Generator) -> None:
+    """Shades the figure by light from one side and from above."""
     rows, columns = canvas.shape[:2]
     alpha_ij = canvas[..., 3].astype(np.float32) / 255
     soft_ij = cv2.GaussianBlur(alpha_ij, (0, 0), 4.5)

@@ -1,4 +1,4 @@
-"""Furnished box rooms drawn in code and seen in equirectangular perspective, for use without any photograph."""
+"""Synthetic rooms: furnished box rooms drawn in code, as equirectangular panoramas."""
 
 from dataclasses import dataclass
 
@@ -15,8 +15,14 @@ NUM_WALLS = 4
 
 
 @dataclass(frozen=True)
-class RoomBox:
-    """A piece of furniture: a cuboid between two corners (metres, camera over the origin of the floor), RGB color."""
+class Cuboid:
+    """A piece of furniture.
+
+    Args:
+        low, high: opposite corners, metres, with the camera over the origin of the floor.
+        color: RGB, 0-255.
+        shelves: number of drawers or shelves, marked by dark lines.
+    """
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
@@ -26,10 +32,10 @@ class RoomBox:
 
 @dataclass(frozen=True)
 class ProceduralRoom:
-    """RoomBox rooms with windows, doors, pictures, rugs and furniture along the walls; the camera stands in the middle.
+    """Box rooms with windows, doors, pictures, rugs and furniture along the walls; the camera is in the middle.
 
     Args:
-        dims_m: length, width and height.
+        dims_m: length, width and height, metres.
     """
 
     dims_m: tuple[float, float, float] = (5.0, 5.0, 3.0)
@@ -46,8 +52,8 @@ class ProceduralRoom:
         atlas_ijc, tops = self._atlas(rng)
         hits = self._hit(rays, camera_height_m)
         row_ij, column_ij = self._atlas_coordinates(hits, rays, tops)
-        seen_ijc = cv2.remap(atlas_ijc, column_ij, row_ij, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        view_ijc = np.asarray(seen_ijc, dtype=np.float32)
+        surface_ijc = cv2.remap(atlas_ijc, column_ij, row_ij, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        view_ijc = np.asarray(surface_ijc, dtype=np.float32)
         view_ijc *= self._corner_shade(hits)[..., None]
         for box in self._furniture(rng):
             _draw_box(view_ijc, hits.reach_ij, rays, box, camera_height_m)
@@ -55,7 +61,7 @@ class ProceduralRoom:
         return np.clip(np.rint(view_ijc), 0, 255).astype(np.uint8)
 
     def _atlas(self, rng: np.random.Generator) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
-        """All surfaces above each other in one texture, and the row where each begins."""
+        """Draws all surfaces into one texture, and returns the first row of each."""
         length, width, height = self.dims_m
         base = random_color(rng, (0.0, 0.45), (0.45, 0.98))
         trim = random_color(rng, (0.0, 0.3), (0.2, 1.0))
@@ -94,7 +100,7 @@ class ProceduralRoom:
         # On each wall the texture runs from left to right as seen from inside.
         right_j = np.choose(hits.wall_j, [width / 2 - y_j, x_j + length / 2, y_j + width / 2, length / 2 - x_j])
         column_ij = np.where(hits.on_wall_ij, right_j, width / 2 - hits.y_ij) * PX_PER_M - np.float32(0.5)
-        # Whole pixels inside each texture, so that neighbours in the atlas do not shine through.
+        # Rows stay inside each texture, so that interpolation takes nothing from its neighbours in the atlas.
         wall_row_ij = np.clip((height - hits.z_ij) * PX_PER_M - 0.5, 0.0, height * PX_PER_M - 1.5)
         level_row_ij = np.clip((length / 2 - hits.x_ij) * PX_PER_M - 0.5, 0.0, length * PX_PER_M - 1.5)
         level_top_i1 = np.where(rays.slope_i > 0, tops[5], tops[4])[:, None]
@@ -102,7 +108,7 @@ class ProceduralRoom:
         return row_ij.astype(np.float32), column_ij.astype(np.float32)
 
     def _corner_shade(self, hits: "Hits") -> npt.NDArray[np.float32]:
-        """Corners and edges are darker than the middle of a surface."""
+        """Returns brightness factors that darken corners and edges."""
         length, width, height = (np.float32(side) for side in self.dims_m)
         shade_ij = np.full(hits.x_ij.shape, 1 / 0.86, dtype=np.float32)
         for gap_ij in (length / 2 - np.abs(hits.x_ij), width / 2 - np.abs(hits.y_ij), hits.z_ij, height - hits.z_ij):
@@ -110,8 +116,8 @@ class ProceduralRoom:
             shade_ij *= 1 - np.float32(0.14) * near_ij * near_ij
         return shade_ij
 
-    def _furniture(self, rng: np.random.Generator) -> list[RoomBox]:
-        """Boxes along the walls, behind everyone; far ones need no order, since none hides another one wholly."""
+    def _furniture(self, rng: np.random.Generator) -> list[Cuboid]:
+        """Draws furniture along the walls, behind all people."""
         half = (self.dims_m[0] / 2, self.dims_m[1] / 2)
         boxes = []
         for wall in range(NUM_WALLS):
@@ -125,16 +131,16 @@ class ProceduralRoom:
             low[axis], high[axis] = sorted((sign * (half[axis] - depth), sign * half[axis]))
             low[1 - axis], high[1 - axis] = along - breadth / 2, along + breadth / 2
             color = random_color(rng, (0.1, 0.6), (0.2, 0.9))
-            boxes.append(RoomBox((low[0], low[1], 0.0), (high[0], high[1], height), color, int(rng.integers(0, 5))))
+            boxes.append(Cuboid((low[0], low[1], 0.0), (high[0], high[1], height), color, int(rng.integers(0, 5))))
         return boxes
 
 
 @dataclass(frozen=True)
 class Rays:
-    """The view's rays, by their parts: a metre along the floor moves (cos, sin, slope).
+    """Rays of the camera: one metre along the floor moves a point by (cos, sin, slope).
 
     Args:
-        cos_j, sin_j: of the azimuth of each column.
+        cos_j, sin_j: cosine and sine of the azimuth of each column.
         slope_i: tangent of the elevation of each row.
     """
 
@@ -145,13 +151,13 @@ class Rays:
 
 @dataclass(frozen=True)
 class Hits:
-    """Where rays end on the shell of the room.
+    """Points where rays meet the walls, the floor or the ceiling.
 
     Args:
-        x_ij, y_ij, z_ij: the point, metres, over the floor below the camera.
-        reach_ij: its distance from the camera along the floor.
-        on_wall_ij: whether it lies on a wall, rather than on floor or ceiling.
-        wall_j: the wall behind each column: +x, +y, -x, -y.
+        x_ij, y_ij, z_ij: coordinates, metres, with the origin on the floor below the camera.
+        reach_ij: distance from the camera along the floor, metres.
+        on_wall_ij: True on a wall, False on floor and ceiling.
+        wall_j: index of the wall in each column: +x, +y, -x, -y.
     """
 
     x_ij: npt.NDArray[np.float32]
@@ -163,7 +169,7 @@ class Hits:
 
 
 def _rays() -> Rays:
-    """A clip's image at twice its resolution."""
+    """Returns the rays of a clip's image at twice its resolution."""
     rows, columns = IMAGE_ROWS * OVERSAMPLING, IMAGE_COLUMNS * OVERSAMPLING
     elevation_i = np.deg2rad(IMAGE_MAX_ELEVATION_DEG) * (1 - 2 * (np.arange(rows) + 0.5) / rows)
     azimuth_j = np.pi - 2 * np.pi * (np.arange(columns) + 0.5) / columns
@@ -178,10 +184,10 @@ def _draw_box(
     view_ijc: npt.NDArray[np.float32],
     reach_ij: npt.NDArray[np.float32],
     rays: Rays,
-    box: RoomBox,
+    box: Cuboid,
     camera_height_m: float,
 ) -> None:
-    """Draws a cuboid into the view and into its reach, by the slab method."""
+    """Draws a cuboid into the view and updates the reach, by the slab method."""
     columns = _columns_of(box, view_ijc.shape[1])
     nearest, farthest = [], []
     origins = (0.0, 0.0, camera_height_m)
@@ -206,7 +212,7 @@ def _draw_box(
     reach_ij[:, columns] = np.where(hit, entry, reach_ij[:, columns])
 
 
-def _columns_of(box: RoomBox, num_columns: int) -> npt.NDArray[np.int64]:
+def _columns_of(box: Cuboid, num_columns: int) -> npt.NDArray[np.int64]:
     corners = np.array([[x, y] for x in (box.low[0], box.high[0]) for y in (box.low[1], box.high[1])])
     middle = corners.mean(axis=0)
     azimuths = np.arctan2(corners[:, 1], corners[:, 0])

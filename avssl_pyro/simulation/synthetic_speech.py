@@ -1,4 +1,4 @@
-"""Speech-like sound made in code: a source-filter voice that babbles syllables, for use without any recording."""
+"""Synthetic speech: random syllables of a source-filter voice, without recordings."""
 
 from dataclasses import dataclass
 
@@ -32,7 +32,14 @@ HISS_LEVEL = 0.25
 
 @dataclass(frozen=True)
 class Speaker:
-    """One voice: what stays fixed while it talks."""
+    """Constant parameters of one voice.
+
+    Args:
+        pitch_hz: mean fundamental frequency, Hz.
+        tract_scale: factor of the formant frequencies of an adult male vocal tract.
+        syllables_per_s: rate of syllables, per second.
+        breathiness: standard deviation of the noise added to the glottal pulses.
+    """
 
     pitch_hz: float
     tract_scale: float
@@ -41,7 +48,7 @@ class Speaker:
 
 
 def draw_speaker(rng: np.random.Generator) -> Speaker:
-    """A man, woman or child, roughly: pitch and vocal tract length go together."""
+    """Draws a speaker; pitch rises with the formants, roughly from men over women to children."""
     size = float(rng.uniform())
     return Speaker(
         pitch_hz=95.0 * 2.5**size * float(rng.uniform(0.9, 1.1)),
@@ -53,10 +60,10 @@ def draw_speaker(rng: np.random.Generator) -> Speaker:
 
 @dataclass(frozen=True)
 class ProceduralSpeech:
-    """An endless choir of made-up speakers: every draw is a new voice with its own pitch, vocal tract and pace.
+    """Synthetic voices; every draw has another pitch, vocal tract and syllable rate.
 
-    Syllables are vowel glides with a falling, wandering pitch, led by a fricative, a burst or nothing, and parted by
-    short pauses; so energy is sparse in time and frequency as in speech, which the mixture model relies on.
+    Syllables are vowel glides with a falling pitch, after a fricative, a burst or nothing, with short pauses between
+    them. The energy is thus sparse in time and frequency, as the mixture model assumes of speech.
     """
 
     @property
@@ -68,12 +75,12 @@ class ProceduralSpeech:
 
     def draw(self, rng: np.random.Generator, num_samples: int) -> npt.NDArray[np.float32]:
         speaker = draw_speaker(rng)
-        speech_n = babble(speaker, num_samples + SAMPLE_RATE // 4, rng)
+        speech_n = synthesize_speech(speaker, num_samples + SAMPLE_RATE // 4, rng)
         return normalize(active_excerpt(speech_n, num_samples, rng), "procedural speech")
 
 
-def babble(speaker: Speaker, num_samples: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
-    """About ``num_samples`` (never fewer) of syllables and pauses in one voice, (N,), 16 kHz, arbitrary level."""
+def synthesize_speech(speaker: Speaker, num_samples: int, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    """Synthesizes syllables and pauses of one voice, (N,), 16 kHz, of any level, with N at least ``num_samples``."""
     num_frames = -(-num_samples // HOP)
     voiced_t = np.zeros(num_frames)
     hiss_t = np.zeros(num_frames)
@@ -115,7 +122,7 @@ def _voiced(
     accent_t = 0.15 * np.sin(2 * np.pi * (rng.uniform(1.0, 2.5) * np.arange(num_frames) * HOP / SAMPLE_RATE))
     pitch_n = _upsample(speaker.pitch_hz * np.exp(wander_t - wander_t.mean() + declination_t + accent_t))
     cycles_n = np.cumsum(pitch_n / SAMPLE_RATE)
-    # A pulse at each whole cycle, split over two samples, so that the pitch does not jump by whole samples.
+    # A pulse at each whole cycle, split over two samples, so that periods are not rounded to whole samples.
     index = np.flatnonzero(np.diff(np.floor(cycles_n))) + 1
     late = (cycles_n[index] - np.floor(cycles_n[index])) * SAMPLE_RATE / pitch_n[index]
     excitation_n = np.zeros(len(cycles_n))
@@ -132,12 +139,12 @@ def _voiced(
 def _formant_filter(
     excitation_n: npt.NDArray[np.float64], formants_th: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """A cascade of resonators whose frequencies move, applied to windows that overlap by half: nothing clicks."""
+    """Filters windows that overlap by half with a cascade of time-varying resonators."""
     half, num_samples = 2 * HOP, len(excitation_n)
     num_windows = -(-num_samples // half) + 1
     padded_n = np.pad(excitation_n, (half, (num_windows - 1) * half - num_samples + half))
     frames_tn = np.lib.stride_tricks.sliding_window_view(padded_n, 2 * half)[::half][:num_windows]
-    # Room behind each window for the resonators to ring out.
+    # Zeros after each window hold the decay of the resonators.
     spectrum_tf = fft.rfft(frames_tn * signal.windows.hann(2 * half, sym=False), 3 * half, axis=1)
     delay_f = np.exp(-2j * np.pi * np.arange(spectrum_tf.shape[1]) / (3 * half))
     formants_th = formants_th[np.minimum(2 * np.arange(num_windows), len(formants_th) - 1)]

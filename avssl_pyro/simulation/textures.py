@@ -1,4 +1,4 @@
-"""Textures of a drawn room: walls with windows, doors and pictures, floors and ceilings."""
+"""Textures of synthetic rooms: walls with windows, doors and pictures, floors and ceilings."""
 
 from collections.abc import Callable
 
@@ -10,12 +10,12 @@ from avssl_pyro.simulation.synthetic_people import random_color
 
 PX_PER_M = 64
 
-Color = tuple[float, ...]  # red, green, blue, 0-255
+Rgb255 = tuple[float, ...]  # red, green, blue, 0-255
 Texture = npt.NDArray[np.uint8]
 
 
-def draw_wall(rng: np.random.Generator, width_m: float, height_m: float, base: Color, trim: Color) -> Texture:
-    """One wall as seen from inside, RGB, 64 pixels a metre."""
+def draw_wall(rng: np.random.Generator, width_m: float, height_m: float, base: Rgb255, trim: Rgb255) -> Texture:
+    """Draws a wall as seen from inside, RGB, 64 pixels a metre."""
     wall = _plain(height_m, width_m, base)
     if rng.uniform() < 0.3:
         _stripes(wall, rng, base, axis=1)
@@ -23,7 +23,7 @@ def draw_wall(rng: np.random.Generator, width_m: float, height_m: float, base: C
         panel = _px(height_m - rng.uniform(0.8, 1.2))
         cv2.rectangle(wall, (0, panel), (wall.shape[1], wall.shape[0]), trim, -1)
     _mottle(wall, rng)
-    # Objects take turns along the wall, so that they do not overlap.
+    # Objects follow each other along the wall without overlap.
     left = float(rng.uniform(0.1, 0.6))
     while left < width_m - 0.6:
         furnish, breadth = _OBJECTS[int(rng.integers(len(_OBJECTS)))]
@@ -37,7 +37,7 @@ def draw_wall(rng: np.random.Generator, width_m: float, height_m: float, base: C
 
 
 def draw_floor(rng: np.random.Generator, length_m: float, width_m: float) -> Texture:
-    """The floor: planks, tiles or carpet, perhaps with a rug; x upwards, y to the left."""
+    """Draws a floor of planks, tiles or carpet, perhaps with a rug; x upwards, y to the left."""
     base = random_color(rng, (0.1, 0.6), (0.25, 0.8))
     floor = _plain(length_m, width_m, base)
     kind = rng.uniform()
@@ -60,7 +60,7 @@ def draw_floor(rng: np.random.Generator, length_m: float, width_m: float) -> Tex
 
 
 def draw_ceiling(rng: np.random.Generator, length_m: float, width_m: float) -> Texture:
-    """The ceiling with its lamps; x upwards, y to the left."""
+    """Draws a ceiling with lamps; x upwards, y to the left."""
     ceiling = _plain(length_m, width_m, random_color(rng, (0.0, 0.12), (0.75, 1.0)))
     lamps = int(rng.integers(1, 4))
     for x in np.linspace(0, width_m, lamps + 2)[1:-1]:
@@ -74,13 +74,13 @@ def _px(metres: float) -> int:
     return round(metres * PX_PER_M)
 
 
-def _plain(rows_m: float, columns_m: float, color: Color) -> Texture:
+def _plain(rows_m: float, columns_m: float, color: Rgb255) -> Texture:
     texture = np.empty((_px(rows_m), _px(columns_m), 3), dtype=np.uint8)
     cv2.rectangle(texture, (0, 0), (texture.shape[1], texture.shape[0]), color, -1)
     return texture
 
 
-def _stripes(texture: Texture, rng: np.random.Generator, base: Color, axis: int) -> None:
+def _stripes(texture: Texture, rng: np.random.Generator, base: Rgb255, axis: int) -> None:
     period = int(rng.integers(6, 24))
     count = texture.shape[axis] // period + 1
     gains = rng.uniform(0.85, 1.1, count)[np.arange(texture.shape[axis]) // period]
@@ -95,7 +95,7 @@ def _mottle(texture: Texture, rng: np.random.Generator) -> None:
     texture[:] = cv2.convertScaleAbs(cv2.multiply(texture, cv2.merge([gain] * 3), dtype=cv2.CV_32F))
 
 
-def _rectangle(wall: Texture, box_m: tuple[float, float, float, float], color: Color, border: int = -1) -> None:
+def _rectangle(wall: Texture, box_m: tuple[float, float, float, float], color: Rgb255, border: int = -1) -> None:
     left, top, right, bottom = (_px(value) for value in box_m)
     cv2.rectangle(wall, (left, top), (right, bottom), color, border)
 

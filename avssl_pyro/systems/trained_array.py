@@ -28,8 +28,8 @@ def check_array(system: System, array: MicrophoneArray, where: str) -> None:
         )
     if trained.steering != array.steering:
         raise InputError(
-            f"{where}: trained for array '{trained.name}' {trained.steering.phrase}, but '{array.name}' hears "
-            f"{array.steering.phrase}; give a checkpoint of this array."
+            f"{where}: trained for array '{trained.name}' {trained.steering.description}, but '{array.name}' hears "
+            f"{array.steering.description}; give a checkpoint of this array."
         )
     if len(trained.positions) != len(array.positions):
         return  # Of measured responses, positions are a remark.

@@ -58,8 +58,8 @@ def _draw_image(axes: Axes, scene: LabeledScene) -> None:
 
 def _caption(scene: LabeledScene) -> str:
     words = [f"scene {scene.clip.key}", f"{len(scene.clip.audio_mn)} microphones"]
-    if "rt60_s" in scene.facts:
-        words.append(f"RT60 {scene.facts['rt60_s']:.2f} s")
+    if "rt60_s" in scene.metadata:
+        words.append(f"RT60 {scene.metadata['rt60_s']:.2f} s")
     return ", ".join(words)
 
 
@@ -68,7 +68,7 @@ def _mark(axes: Axes, scene: LabeledScene, azimuth: float, color: str, line_styl
     words = [f"{azimuth_deg:+.0f}°"]
     words += [
         f"{person['distance_m']:.1f} m"
-        for person in scene.facts.get("people", [])
+        for person in scene.metadata.get("people", [])
         if math.isclose(person["azimuth_deg"], azimuth_deg, abs_tol=1e-3)
     ]
     axes.axvline(azimuth_deg, color="black", linewidth=2.4, linestyle=line_style, alpha=0.5)
@@ -99,7 +99,7 @@ def _draw_waveform(axes: Axes, clip: Clip) -> None:
 
 
 def _draw_levels(axes: Axes, scene: LabeledScene) -> None:
-    talkers = [person for person in scene.facts.get("people", []) if person["speaks"]]
+    talkers = [person for person in scene.metadata.get("people", []) if person["speaks"]]
     if not talkers:
         axes.set_axis_off()
         return

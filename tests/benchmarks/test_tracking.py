@@ -11,7 +11,7 @@ from avssl_pyro.benchmarks.tracking import (
     nearest,
 )
 from avssl_pyro.localization.posterior import LocalizedSource
-from avssl_pyro.simulation.moving_talkers import MovingTalkersConfig, draw_moving_talkers
+from avssl_pyro.simulation.motion import MovingTalkersConfig, draw_moving_talkers
 from avssl_pyro.tracking.tracker import TrackingConfig, WindowDetections
 
 TOLERANCE = float(np.deg2rad(10))

@@ -40,7 +40,7 @@ def test_scenes_come_back_as_they_were_rendered(make_scenes: MakeScenes) -> None
         assert np.abs(clip.image_ijc.astype(int) - scene.clip.image_ijc.astype(int)).max() <= 8
         assert dataset.labels(index).talker_azimuths == pytest.approx(scene.labels.talker_azimuths)
         assert dataset.labels(index).silent_azimuths == pytest.approx(scene.labels.silent_azimuths)
-        assert dataset.facts(index) == scene.facts
+        assert dataset.metadata(index) == scene.metadata
     assert dataset[-1].key == dataset[9].key
     for beyond in (10, -11):
         with pytest.raises(IndexError):
@@ -121,7 +121,7 @@ def test_a_truncated_or_missing_shard_is_named_at_once(make_scenes: MakeScenes) 
         SceneDataset(folder)
 
 
-@pytest.mark.parametrize("read", [SceneDataset.__getitem__, SceneDataset.labels, SceneDataset.facts])
+@pytest.mark.parametrize("read", [SceneDataset.__getitem__, SceneDataset.labels, SceneDataset.metadata])
 def test_an_altered_shard_is_named_before_anything_of_it_is_used(
     make_scenes: MakeScenes, read: Callable[[SceneDataset, int], object]
 ) -> None:

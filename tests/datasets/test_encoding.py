@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from avssl_pyro.acoustics.presets import uniform_circle
 from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.datasets.encoding import decode_audio, decode_facts, decode_image, encode_scene
+from avssl_pyro.datasets.encoding import decode_audio, decode_image, decode_metadata, encode_scene
 from avssl_pyro.errors import InputError
 
 SCENE = FakeSimulator().render(0)
@@ -18,7 +18,7 @@ SCENE = FakeSimulator().render(0)
 
 def scene(**changes: Any) -> FakeScene:
     clip = Clip(**({"key": "k", "audio_mn": SCENE.clip.audio_mn, "image_ijc": SCENE.clip.image_ijc} | changes))
-    return FakeScene(clip, SCENE.labels, SCENE.facts)
+    return FakeScene(clip, SCENE.labels, SCENE.metadata)
 
 
 @given(
@@ -48,10 +48,10 @@ def test_labels_are_degrees_in_the_file_and_radians_in_the_program(talkers: list
     labels = SceneLabels(tuple(talkers), tuple(silent))
     content = encode_scene(FakeScene(SCENE.clip, labels, {"rt60_s": 0.3}))["json"]
     assert json.loads(content)["talker_azimuths_deg"] == pytest.approx(np.rad2deg(talkers).tolist(), abs=1e-8)
-    decoded, facts = decode_facts(content, "here")
+    decoded, metadata = decode_metadata(content, "here")
     assert decoded.talker_azimuths == pytest.approx(labels.talker_azimuths, abs=1e-10)
     assert decoded.silent_azimuths == pytest.approx(labels.silent_azimuths, abs=1e-10)
-    assert facts == {"rt60_s": 0.3}
+    assert metadata == {"rt60_s": 0.3}
 
 
 def test_arrays_of_sixteen_microphones_are_stored_as_wav() -> None:
@@ -74,6 +74,6 @@ def test_what_cannot_be_stored_is_refused(changes: dict[str, Any], words: str) -
 
 @given(st.binary(max_size=200))
 def test_garbage_is_named_not_crashed_on(content: bytes) -> None:
-    for decode in (decode_audio, decode_image, decode_facts):
+    for decode in (decode_audio, decode_image, decode_metadata):
         with pytest.raises(InputError, match="scene 'x'"):
             decode(content, "scene 'x'")

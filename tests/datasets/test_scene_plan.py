@@ -38,7 +38,7 @@ def test_real_scenes_come_back_with_their_labels(tmp_path: Path) -> None:
         np.testing.assert_allclose(clip.audio_mn, scene.clip.audio_mn[[0, 2, 4, 6]], atol=1 / 65536 + 1e-7)
         assert dataset.labels(index).talker_azimuths == pytest.approx(scene.labels.talker_azimuths, abs=1e-9)
         assert dataset.labels(index).silent_azimuths == pytest.approx(scene.labels.silent_azimuths, abs=1e-9)
-        assert dataset.facts(index) == scene.facts
+        assert dataset.metadata(index) == scene.metadata
 
 
 def test_a_cached_dataset_is_bound_to_its_settings(tmp_path: Path) -> None:

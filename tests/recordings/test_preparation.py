@@ -47,9 +47,9 @@ def test_the_loudest_clips_are_cut_with_their_pictures_and_without_labels(
         clip = dataset[index]
         np.testing.assert_allclose(clip.audio_mn, recordings[number].audio.read(start_s, 1.0), atol=1 / 32768)
         assert frame_number(clip.image_ijc) == 10 * start_s + 5
-        assert dataset.facts(index)["recording"] == f"day{number}"
+        assert dataset.metadata(index)["recording"] == f"day{number}"
         # A third of the noise lies above what 16 kHz hold.
-        assert dataset.facts(index)["rms"] == pytest.approx(LEVELS[number][start_s] * (2 / 3) ** 0.5, rel=0.05)
+        assert dataset.metadata(index)["rms"] == pytest.approx(LEVELS[number][start_s] * (2 / 3) ** 0.5, rel=0.05)
         with pytest.raises(InputError, match=rf"'{clip.key}'.*has no labels"):
             dataset.labels(index)
     assert made.remarks == ("day0: 1 clip(s) are silent; they are left out.",)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avssl_pyro.simulation.compositing import Standing, composite, relight
+from avssl_pyro.simulation.compositing import PersonPosition, composite, relight
 
 AZIMUTH_J = np.pi - (np.arange(288) + 0.5) / 288 * 2 * np.pi
 ELEVATION_I = np.deg2rad(55 - (np.arange(88) + 0.5) * 1.25)
@@ -22,7 +22,7 @@ def board(color: tuple[int, int, int] = (255, 0, 0), rows: int = 200, columns: i
 def test_a_board_covers_exactly_the_rays_that_meet_it(
     azimuth: float, distance_m: float, height_m: float, camera_m: float
 ) -> None:
-    visible_ij = composite(GRAY, [board()], [Standing(azimuth, distance_m, height_m)], camera_m).visible_pij[0]
+    visible_ij = composite(GRAY, [board()], [PersonPosition(azimuth, distance_m, height_m)], camera_m).visible_pij[0]
     normal = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     left = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     rays_ijx = np.stack(
@@ -50,7 +50,7 @@ def test_a_board_covers_exactly_the_rays_that_meet_it(
 
 
 def test_left_is_left_and_feet_are_on_the_floor() -> None:
-    at_left = composite(GRAY, [board()], [Standing(np.pi / 2, 1.5, 1.7)], 1.35)
+    at_left = composite(GRAY, [board()], [PersonPosition(np.pi / 2, 1.5, 1.7)], 1.35)
     rows, columns = np.nonzero(at_left.visible_pij[0] > 0.5)
     assert columns.mean() == pytest.approx(71.5, abs=0.6)
     assert columns.max() < 144
@@ -62,7 +62,7 @@ def test_left_is_left_and_feet_are_on_the_floor() -> None:
 def test_a_person_is_not_mirrored() -> None:
     cutout_ijc = board()
     cutout_ijc[:, :30, :3] = (0, 255, 0)
-    image_ijc = composite(GRAY, [cutout_ijc], [Standing(0.0, 1.0, 1.7)], 1.35).image_ijc
+    image_ijc = composite(GRAY, [cutout_ijc], [PersonPosition(0.0, 1.0, 1.7)], 1.35).image_ijc
     assert (image_ijc[44, 140] == (0, 255, 0)).all()
     assert (image_ijc[44, 147] == (255, 0, 0)).all()
 
@@ -70,21 +70,21 @@ def test_a_person_is_not_mirrored() -> None:
 def test_the_head_stands_at_the_azimuth_even_if_the_body_leans() -> None:
     cutout_ijc = board(columns=100)
     cutout_ijc[:40, :70, 3] = 0  # the head is the right third
-    visible_ij = composite(GRAY, [cutout_ijc], [Standing(0.0, 1.0, 1.7)], 1.35).visible_pij[0]
+    visible_ij = composite(GRAY, [cutout_ijc], [PersonPosition(0.0, 1.0, 1.7)], 1.35).visible_pij[0]
     top = np.nonzero(visible_ij.max(axis=1) > 0.5)[0][0]
     assert np.average(np.arange(288), weights=visible_ij[top + 1]) == pytest.approx(143.5, abs=0.6)
 
 
 def test_someone_behind_the_camera_wraps_at_the_seam() -> None:
-    across = composite(GRAY, [board()], [Standing(np.pi, 0.8, 1.7)], 1.35).visible_pij[0].max(axis=0)
-    ahead = composite(GRAY, [board()], [Standing(0.0, 0.8, 1.7)], 1.35).visible_pij[0].max(axis=0)
+    across = composite(GRAY, [board()], [PersonPosition(np.pi, 0.8, 1.7)], 1.35).visible_pij[0].max(axis=0)
+    ahead = composite(GRAY, [board()], [PersonPosition(0.0, 0.8, 1.7)], 1.35).visible_pij[0].max(axis=0)
     assert across[0] > 0.99 and across[-1] > 0.99 and across[144] == 0
     np.testing.assert_allclose(np.roll(across, 144), ahead, atol=1e-4)
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_the_nearer_one_hides_the_farther_one(order: tuple[int, int]) -> None:
-    people = [(board((255, 0, 0)), Standing(0.0, 0.7, 1.8)), (board((0, 0, 255)), Standing(0.05, 1.8, 1.6))]
+    people = [(board((255, 0, 0)), PersonPosition(0.0, 0.7, 1.8)), (board((0, 0, 255)), PersonPosition(0.05, 1.8, 1.6))]
     shuffled = [people[index] for index in order]
     result = composite(GRAY, [cutout for cutout, _ in shuffled], [place for _, place in shuffled], 1.35)
     near, far = order.index(0), order.index(1)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.panoramas import PanoramaFolder, face
+from avssl_pyro.simulation.panoramas import PanoramaFolder, to_clip_image
 from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 
 
@@ -18,7 +18,7 @@ def brightest_column(image_ijc: np.ndarray) -> int:
 def test_what_was_ahead_appears_at_the_azimuth_of_the_turn(shape: tuple[int, int], yaw_deg: float, column: int) -> None:
     panorama_ijc = np.zeros((*shape, 3), dtype=np.uint8)
     panorama_ijc[:, shape[1] // 2] = 255
-    image_ijc = face(panorama_ijc, np.deg2rad(yaw_deg))
+    image_ijc = to_clip_image(panorama_ijc, np.deg2rad(yaw_deg))
     assert image_ijc.shape == (88, 288, 3)
     assert image_ijc.dtype == np.uint8
     assert (brightest_column(image_ijc) - column + 144) % 288 - 144 in {-1, 0}
@@ -29,7 +29,7 @@ def test_a_full_sphere_is_cut_at_55_degrees() -> None:
     panorama_ijc = np.zeros((512, 1024, 3), dtype=np.uint8)
     panorama_ijc[elevation_i > 30] = 200
     panorama_ijc[np.abs(elevation_i) > 56.5] = 99
-    image_ijc = face(panorama_ijc, 0.3)
+    image_ijc = to_clip_image(panorama_ijc, 0.3)
     row_elevation_i = 55 - (np.arange(88) + 0.5) * 1.25
     assert not (image_ijc == 99).any()
     assert (image_ijc[row_elevation_i > 31.5] == 200).all()
@@ -57,7 +57,7 @@ def test_a_bad_panorama_is_named(tmp_path: Path, size: tuple[int, int] | None, r
 
 def test_a_portrait_is_no_background() -> None:
     with pytest.raises(InputError, match="neither a full sphere"):
-        face(np.zeros((300, 200, 3), dtype=np.uint8), 0.0)
+        to_clip_image(np.zeros((300, 200, 3), dtype=np.uint8), 0.0)
 
 
 def test_drawn_walls_meet_the_ceiling_in_perspective() -> None:

@@ -5,7 +5,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.rigid_sphere import sphere_response
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
-from avssl_pyro.simulation.plane_waves import PlaneWaveReceiver, Waves
+from avssl_pyro.simulation.plane_waves import PlaneWaveReceiver, PlaneWaves
 from avssl_pyro.simulation.reverberation import room_responses
 
 SPHERE = PRESETS["starss23-mic"]
@@ -19,7 +19,7 @@ def unit(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
     return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
 
 
-def spectrum(array: MicrophoneArray, waves: Waves) -> np.ndarray:
+def spectrum(array: MicrophoneArray, waves: PlaneWaves) -> np.ndarray:
     """Spectra (M, F) without the delay of the responses."""
     receiver = PlaneWaveReceiver(array)
     delay_f = np.exp(2j * np.pi * FREQUENCY_F / 16_000 * receiver.half)
@@ -30,7 +30,7 @@ def spectrum(array: MicrophoneArray, waves: Waves) -> np.ndarray:
 def test_the_direct_wave_is_heard_as_the_sphere_scatters_it(azimuth_deg: float, elevation_deg: float) -> None:
     towards = unit(azimuth_deg, elevation_deg)
     delay_s = 100.25 / 16_000
-    found_mf = spectrum(SPHERE, Waves(towards[None], np.array([delay_s]), np.array([0.5])))
+    found_mf = spectrum(SPHERE, PlaneWaves(towards[None], np.array([delay_s]), np.array([0.5])))
     wave_number_f = 2 * np.pi * FREQUENCY_F[HEARD] / SPHERE.speed_of_sound
     cosine_m = SPHERE.positions / np.linalg.norm(SPHERE.positions, axis=1, keepdims=True) @ towards
     expected_fm = 0.5 * sphere_response(wave_number_f * 0.042, cosine_m)
@@ -40,9 +40,9 @@ def test_the_direct_wave_is_heard_as_the_sphere_scatters_it(azimuth_deg: float, 
 
 def test_reflections_come_from_their_own_directions() -> None:
     direct, reflection = unit(0, 0), unit(120, 40)
-    both = Waves(np.stack([direct, reflection]), np.array([100, 300]) / 16_000, np.array([1.0, 0.5]))
-    alone = Waves(reflection[None], np.array([300]) / 16_000, np.array([0.5]))
-    first = Waves(direct[None], np.array([100]) / 16_000, np.array([1.0]))
+    both = PlaneWaves(np.stack([direct, reflection]), np.array([100, 300]) / 16_000, np.array([1.0, 0.5]))
+    alone = PlaneWaves(reflection[None], np.array([300]) / 16_000, np.array([0.5]))
+    first = PlaneWaves(direct[None], np.array([100]) / 16_000, np.array([1.0]))
     found_mf = spectrum(SPHERE, both) - spectrum(SPHERE, first)
     expected_mf = spectrum(SPHERE, alone)
     error = np.square(np.abs(found_mf - expected_mf)).sum() / np.square(np.abs(expected_mf)).sum()

@@ -13,13 +13,17 @@ from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.io.dcase import azimuths_by_frame
-from avssl_pyro.simulation.camera import Camera, PanoramaVideo
-from avssl_pyro.simulation.dialogue import hear, labels, speak
+from avssl_pyro.simulation.dialogue import dialogue_labels, draw_dialogue, render_dialogue
 from avssl_pyro.simulation.layout import SceneConfig
-from avssl_pyro.simulation.moving_people import MovingPeople, MovingPeopleConfig, draw_moving_people
-from avssl_pyro.simulation.moving_source import RoomAcoustics, Steps
-from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig
-from avssl_pyro.simulation.recordings import RecordingSimulator
+from avssl_pyro.simulation.motion import (
+    MovingPeople,
+    MovingPeopleConfig,
+    MovingTalkers,
+    MovingTalkersConfig,
+    draw_moving_people,
+)
+from avssl_pyro.simulation.moving_source import MotionResolution, RoomAcoustics
+from avssl_pyro.simulation.recordings import Camera, PanoramaVideo, RecordingSimulator
 from avssl_pyro.simulation.synthetic_people import ProceduralPerson
 from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
@@ -43,7 +47,9 @@ def standing(azimuth_deg: float, sounding_t: npt.NDArray[np.bool_], *, silent_de
 
 
 def recorded(people: MovingPeople, array: MicrophoneArray) -> npt.NDArray[np.float32]:
-    return hear(people, speak(people, ProceduralSpeech(), np.random.default_rng(0)), array, Steps())
+    return render_dialogue(
+        people, draw_dialogue(people, ProceduralSpeech(), np.random.default_rng(0)), array, MotionResolution()
+    )
 
 
 def seen_columns(people: MovingPeople, camera: Camera) -> npt.NDArray[np.float64]:
@@ -104,7 +110,7 @@ def test_the_camera_turns_and_mirrors(yaw_deg: float, mirror: bool, seen_deg: fl
 
 def test_a_turned_camera_sees_the_same_room_turned() -> None:
     straight, turned, mirrored = (
-        replace(SIMULATOR, camera=Camera(576, yaw, mirror)).draw(1).film().frame_at(2.0).astype(float)
+        replace(SIMULATOR, camera=Camera(576, yaw, mirror)).draw(1).render_video().frame_at(2.0).astype(float)
         for yaw, mirror in ((0.0, False), (np.pi / 2, False), (np.pi / 2, True))
     )
     assert np.abs(np.roll(turned, -144, axis=1) - straight).mean() < 3.0
@@ -115,8 +121,8 @@ def test_those_who_sound_are_labelled_where_they_are() -> None:
     turn_t = np.zeros(40, dtype=bool)
     turn_t[8:27] = True
     people = standing(-170.0, turn_t, silent_deg=20.0)
-    voices = speak(people, ProceduralSpeech(), np.random.default_rng(1))
-    rows = labels(people, voices)
+    voices = draw_dialogue(people, ProceduralSpeech(), np.random.default_rng(1))
+    rows = dialogue_labels(people, voices)
     assert {row.frame for row in rows} == set(range(8, 27))
     assert {row.source for row in rows} == {0}
     assert rows[0].azimuth_deg == pytest.approx(-170.0)
@@ -138,7 +144,7 @@ def test_silence_around_a_short_sentence_is_not_labelled() -> None:
             speech_n[8000:24000] = rng.standard_normal(16_000)
             return speech_n
 
-    voices = speak(standing(0.0, np.ones(40, dtype=bool)), OneSecond(), np.random.default_rng(0))
+    voices = draw_dialogue(standing(0.0, np.ones(40, dtype=bool)), OneSecond(), np.random.default_rng(0))
     assert np.flatnonzero(voices.sounding_st[0]).tolist() == list(range(5 - 2, 15 + 2))
 
 
@@ -162,7 +168,7 @@ def test_the_truth_moves_evenly_across_the_seam() -> None:
 
 def test_a_recording_depends_on_its_seed_and_number_alone() -> None:
     first, again, other = (SIMULATOR.draw(index) for index in (0, 0, 1))
-    np.testing.assert_array_equal(first.record(), again.record())
+    np.testing.assert_array_equal(first.render_audio(), again.render_audio())
     assert first.labels == again.labels
     assert first.labels != other.labels
     circle = replace(SIMULATOR, array=PRESETS["circle4"], camera=Camera(576, 1.0, True)).draw(0)
@@ -177,7 +183,7 @@ def test_the_labels_are_what_srp_phat_hears() -> None:
         scenes=SceneConfig(rt60_range_s=(0.2, 0.2)),
     )
     recording = RecordingSimulator(one, array=PRESETS["circle6"]).draw(0)
-    audio_mn, truth = recording.record(), azimuths_by_frame(recording.labels)
+    audio_mn, truth = recording.render_audio(), azimuths_by_frame(recording.labels)
     srp_phat, *_ = default_baselines(PRESETS["circle6"], DirectionGrid())
     errors_deg = []
     for frame in range(3, 55, 6):

@@ -16,7 +16,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.layout import ALL_SPEAK, SceneConfig
 from avssl_pyro.simulation.panoramas import PanoramaFolder
 from avssl_pyro.simulation.people import PeopleFolder
-from avssl_pyro.simulation.scenes import Scene, SceneSimulator
+from avssl_pyro.simulation.scenes import SceneSimulator, SimulatedScene
 from avssl_pyro.simulation.speech import SpeechFolder
 
 CONVENTION_SCENES, SCENES_PER_PART = 200, 20
@@ -24,8 +24,8 @@ UNION, CIRCLE6 = PRESETS["circle246"], PRESETS["circle6"]
 CHANNELS6 = [int(np.linalg.norm(UNION.positions - mic, axis=1).argmin()) for mic in CIRCLE6.positions]
 
 
-def digest(scene: Scene) -> str:
-    content = scene.clip.audio_mn.tobytes() + scene.clip.image_ijc.tobytes() + json.dumps(scene.facts).encode()
+def digest(scene: SimulatedScene) -> str:
+    content = scene.clip.audio_mn.tobytes() + scene.clip.image_ijc.tobytes() + json.dumps(scene.metadata).encode()
     return hashlib.sha256(content).hexdigest()
 
 
@@ -100,12 +100,12 @@ def test_a_scene_keeps_its_promises() -> None:
 
 def test_facts_are_json_in_degrees_and_metres() -> None:
     scene = SceneSimulator(seed=2).render(0)
-    facts = json.loads(json.dumps(scene.facts))
-    spoken = [np.deg2rad(person["azimuth_deg"]) for person in facts["people"] if person["speaks"]]
+    metadata = json.loads(json.dumps(scene.metadata))
+    spoken = [np.deg2rad(person["azimuth_deg"]) for person in metadata["people"] if person["speaks"]]
     assert spoken == pytest.approx(scene.labels.talker_azimuths, abs=1e-4)
-    assert 0.2 <= facts["rt60_s"] <= 0.4
-    for person in facts["people"]:
-        rise = person["mouth_height_m"] - facts["camera_height_m"]
+    assert 0.2 <= metadata["rt60_s"] <= 0.4
+    for person in metadata["people"]:
+        rise = person["mouth_height_m"] - metadata["camera_height_m"]
         assert np.tan(np.deg2rad(person["mouth_elevation_deg"])) * person["distance_m"] == pytest.approx(rise, abs=1e-3)
 
 

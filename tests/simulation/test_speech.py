@@ -68,7 +68,7 @@ def test_a_bad_file_is_named(tmp_path: Path, content: bytes | np.ndarray, reason
 
 def test_an_empty_or_missing_folder_is_named(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("no speech")
-    with pytest.raises(InputError, match=r"holds no speech file"):
+    with pytest.raises(InputError, match=r"has no speech file"):
         SpeechFolder(tmp_path)
     with pytest.raises(InputError, match=r"nowhere: no such folder"):
         SpeechFolder(tmp_path / "nowhere")

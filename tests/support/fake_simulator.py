@@ -18,7 +18,7 @@ from avssl_pyro.datasets.generation import GenerationPlan
 class FakeScene:
     clip: Clip
     labels: SceneLabels
-    facts: dict[str, Any]
+    metadata: dict[str, Any]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ BLUE = (0, 0, 200)
 @dataclass(frozen=True)
 class BlueScene:
     labels: SceneLabels
-    facts: dict[str, Any]
+    metadata: dict[str, Any]
 
     @property
     def clip(self) -> Clip:

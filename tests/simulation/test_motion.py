@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.simulation.moving_talkers import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
+from avssl_pyro.simulation.motion import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
 
 CONFIG = MovingTalkersConfig(num_talkers=(2, 4), seconds=40.0)
 

@@ -6,8 +6,8 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.peaks import PeakSetting
-from avssl_pyro.simulation.moving_audio import MovingAudioConfig, render_moving
-from avssl_pyro.simulation.moving_talkers import MovingTalkers
+from avssl_pyro.simulation.motion import MovingTalkers
+from avssl_pyro.simulation.moving_source import MovingAudioConfig, render_moving_talkers
 
 ARRAY = PRESETS["circle4"]
 CONFIG = MovingAudioConfig(snr_db=60.0)
@@ -22,7 +22,7 @@ def walk(sounding_t: npt.NDArray[np.bool_]) -> MovingTalkers:
 
 def test_sound_comes_from_where_the_talker_is_at_the_time() -> None:
     talkers = walk(np.ones(20, dtype=bool))
-    audio_mn = render_moving(talkers, ARRAY, CONFIG, np.random.default_rng(0))
+    audio_mn = render_moving_talkers(talkers, ARRAY, CONFIG, np.random.default_rng(0))
     assert audio_mn.shape == (4, 2 * SAMPLE_RATE)
     assert audio_mn.dtype == np.float32
     srp_phat, *_ = default_baselines(ARRAY, DirectionGrid(72))
@@ -37,11 +37,11 @@ def test_sound_comes_from_where_the_talker_is_at_the_time() -> None:
 
 def test_pauses_are_silent_but_for_the_room_and_the_noise() -> None:
     sounding_t = np.arange(20) < 8
-    audio_mn = render_moving(walk(sounding_t), ARRAY, CONFIG, np.random.default_rng(0))
+    audio_mn = render_moving_talkers(walk(sounding_t), ARRAY, CONFIG, np.random.default_rng(0))
     power_t = np.square(audio_mn).reshape(4, 20, -1).mean((0, 2))
     assert power_t[12:].max() < 1e-3 * power_t[:8].mean()
 
 
 def test_nobody_sounding_is_silence() -> None:
-    audio_mn = render_moving(walk(np.zeros(5, dtype=bool)), ARRAY, CONFIG, np.random.default_rng(0))
+    audio_mn = render_moving_talkers(walk(np.zeros(5, dtype=bool)), ARRAY, CONFIG, np.random.default_rng(0))
     assert not audio_mn.any()
