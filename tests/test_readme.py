@@ -166,12 +166,17 @@ def test_every_script_is_in_the_readme() -> None:
     assert scripts - {"demo.py"} == named
 
 
-def test_the_python_example_runs_as_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
-    (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    pyro.clear_param_store()
-    exec(compile(example, "README.md", "exec"), {})
-    assert float(capsys.readouterr().out)
-    pyro.clear_param_store()
+PYTHON_SAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+
+
+@pytest.mark.parametrize("number", range(len(PYTHON_SAMPLES)))
+def test_a_python_sample_runs_as_it_stands(
+    number: int, user_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(user_folder)
+    with pyro.get_param_store().scope():
+        exec(compile(PYTHON_SAMPLES[number], "README.md", "exec"), {})
+    assert re.search(r"\d", capsys.readouterr().out)
 
 
 def test_commands_of_the_scaling_page_are_understood() -> None:
