@@ -35,10 +35,10 @@ def test_a_page_is_a_screen_long(page: Path) -> None:
 
 
 def commands(page: Path) -> set[str]:
-    """Every command that starts a script, on one line."""
+    """Every command of avssl, on one line."""
     blocks = re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
     lines = re.sub(r"\s*\\\n\s*", " ", "".join(blocks)).splitlines()
-    return {line for line in lines if line.startswith("python scripts/")}
+    return {line for line in lines if line.startswith("avssl ")}
 
 
 def test_commands_are_those_of_the_readme_which_are_run_elsewhere() -> None:

@@ -2,7 +2,6 @@
 
 import re
 import shlex
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
@@ -13,25 +12,7 @@ import soundfile
 import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.cli import (
-    benchmark,
-    calibrate,
-    camera_benchmark,
-    compare_combinations,
-    compare_elbo,
-    compare_recordings,
-    doctor,
-    evaluate,
-    gallery,
-    localize,
-    prepare,
-    score,
-    separation_benchmark,
-    simulate,
-    simulate_recordings,
-    track_benchmark,
-    train,
-)
+from avssl_pyro.cli import app, prepare, simulate, train
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.generation import generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
@@ -51,43 +32,41 @@ SMALL_TRAINING = {
     "--optimization.num-workers": "0",
     "--guide.audio-channels": "8",
 }
-MAINS: dict[str, tuple[Callable[[Sequence[str]], object], dict[str, str]]] = {
-    "simulate.py": (simulate.main, {"--scenes": "2", "--workers": "1"}),
-    "svi_train.py": (train.main, SMALL_TRAINING),
-    "evaluate.py": (
-        evaluate.main,
-        {"--test-scenes": "2", "--validation-scenes": "2", "--rounds": "2", "--workers": "1"},
-    ),
-    "localize.py": (localize.main, {"--rounds": "2"}),
-    "doctor.py": (doctor.main, {}),
-    "prepare.py": (prepare.main, {}),
-    "compare_recordings.py": (compare_recordings.main, {"--rounds": "3"}),
-    "gallery.py": (gallery.main, {"--each": "1"}),
-    "track_benchmark.py": (track_benchmark.main, {"--recordings": "1", "--talkers.seconds": "4"}),
-    "compare_elbo.py": (compare_elbo.main, {"--seconds": "0.05", "--clips": "1", "--draws": "4"}),
-    "simulate_recordings.py": (
-        simulate_recordings.main,
-        {"--seconds": "4", "--width": "288", "--frame-rate": "5"},
-    ),
-    "score.py": (score.main, {}),
-    "separation_benchmark.py": (separation_benchmark.main, {"--scenes": "1"}),
-    "compare_combinations.py": (
-        compare_combinations.main,
-        {"--validation-scenes": "1", "--test-scenes": "1", "--first": "2"},
-    ),
-    "calibrate.py": (calibrate.main, {"--trials": "2", "--batch": "2"}),
-    "camera_benchmark.py": (camera_benchmark.main, {"--recordings": "1", "--seconds": "8", "--width": "288"}),
-    "benchmark.py": (benchmark.main, {"--array": "circle2", "--batch-size": "2", "--repeats": "2"}),
+# Options that make a command quick.
+SMALLER: dict[str, dict[str, str]] = {
+    "simulate": {"--scenes": "2", "--workers": "1"},
+    "train": SMALL_TRAINING,
+    "evaluate": {"--test-scenes": "2", "--validation-scenes": "2", "--rounds": "2", "--workers": "1"},
+    "localize": {"--rounds": "2"},
+    "doctor": {},
+    "prepare": {},
+    "gallery": {"--each": "1"},
+    "score": {},
+    "simulate-recordings": {"--seconds": "4", "--width": "288", "--frame-rate": "5"},
+    "benchmark recordings": {"--rounds": "3"},
+    "benchmark tracking": {"--recordings": "1", "--talkers.seconds": "4"},
+    "benchmark elbo": {"--seconds": "0.05", "--clips": "1", "--draws": "4"},
+    "benchmark separation": {"--scenes": "1"},
+    "benchmark combinations": {"--validation-scenes": "1", "--test-scenes": "1", "--first": "2"},
+    "benchmark calibration": {"--trials": "2", "--batch": "2"},
+    "benchmark camera": {"--recordings": "1", "--seconds": "8", "--width": "288"},
+    "benchmark speed": {"--array": "circle2", "--batch-size": "2", "--repeats": "2"},
 }
 
 
-def shell_commands(text: str) -> list[list[str]]:
-    """Every command that starts a script, from code blocks and from tables, as words."""
+def shell_commands(text: str) -> list[tuple[str, ...]]:
+    """Every command of avssl, from code blocks and from tables: its name, of one word or two, and its arguments."""
     blocks = "\n".join(re.findall(r"```sh\n(.*?)```", text, re.DOTALL)).replace("\\\n", " ")
-    inline = re.findall(r"`(python scripts/[^`]+)`", text)
-    lines = [*blocks.splitlines(), *inline]
-    words = [shlex.split(line, comments=True) for line in lines if "scripts/" in line]
-    return [line[next(i for i, word in enumerate(line) if word.startswith("scripts/")) :] for line in words]
+    inline = re.findall(r"`(avssl [^`]+)`", text)
+    commands = []
+    for line in [*blocks.splitlines(), *inline]:
+        # torchrun wants a file.
+        _, avssl, rest = line.replace("scripts/svi_train.py", "avssl train").rpartition("avssl ")
+        if avssl:
+            words = shlex.split(rest, comments=True)
+            size = 2 if words[0] == "benchmark" else 1
+            commands.append((" ".join(words[:size]), *words[size:]))
+    return commands
 
 
 def in_small(arguments: list[str], smaller: dict[str, str]) -> list[str]:
@@ -132,38 +111,37 @@ def user_folder(tmp_path_factory: pytest.TempPathFactory, scene_folder: Path) ->
     return folder
 
 
-README_COMMANDS = shell_commands(README)
+README_COMMANDS = [command for command in shell_commands(README) if "--help" not in command]
 
 
 @pytest.mark.parametrize("command", README_COMMANDS, ids=[" ".join(command[:2]) for command in README_COMMANDS])
 def test_a_command_of_the_readme_works(
-    command: list[str], user_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    command: tuple[str, ...], user_folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(user_folder)
-    script = Path(command[0]).name
-    assert (ROOT / command[0]).is_file()
-    main, smaller = MAINS[script]
-    if command == ["scripts/localize.py"]:
+    name, *arguments = command
+    smaller = SMALLER[name]
+    if command == ("localize",):
         with pytest.raises(SystemExit) as exit_info:
-            main(["--help"])
+            app.main(["localize", "--help"])
         assert exit_info.value.code == 0
         return
-    if command == ["scripts/svi_train.py"]:
+    if command == ("train",):
         # With no arguments at all it trains on the embedded scenes for minutes; here on fewer.
         smaller = {**smaller, "--out": "runs/plain"}
     if "adapt" in command:
-        # The networks are those of the shipped weights.
+        # The networks are those of the pretrained weights.
         smaller = {option: value for option, value in smaller.items() if not option.startswith("--guide")}
-    if script == "simulate.py":
+    if name == "simulate":
         smaller = {**smaller, "--out": "few-scenes"}
     # The doctor's business is to find faults.
-    assert main(in_small(command[1:], smaller)) in ((0, 1) if script == "doctor.py" else (None, 0))
+    codes = (0, 1) if name == "doctor" else (None, 0)
+    assert app.main([*name.split(), *in_small(arguments, smaller)]) in codes
 
 
-def test_every_script_is_in_the_readme() -> None:
-    named = {Path(command[0]).name for command in README_COMMANDS}
-    scripts = {path.name for path in (ROOT / "scripts").glob("*.py")}
-    assert scripts - {"demo.py"} == named
+def test_every_command_is_in_the_readme() -> None:
+    commands = {*app.COMMANDS, *(f"benchmark {name}" for name in app.BENCHMARKS)}
+    assert commands - {"demo"} == {command[0] for command in README_COMMANDS}
 
 
 PYTHON_SAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
@@ -181,11 +159,11 @@ def test_a_python_sample_runs_as_it_stands(
 
 def test_commands_of_the_scaling_page_are_understood() -> None:
     commands = shell_commands(SCALING)
-    assert {Path(command[0]).name for command in commands} == {"simulate.py", "svi_train.py"}
-    for script, *arguments in commands:
-        if Path(script).name == "svi_train.py":
+    assert {command[0] for command in commands} >= {"simulate", "train"}
+    for name, *arguments in commands:
+        if name == "train" and arguments:
             assert train.parse(arguments).data == (Path("/data/train"),)
-        else:
+        elif name == "simulate" and "--out" in arguments:
             assert simulate.parse(arguments).out == Path("/data/train")
 
 
