@@ -4,12 +4,16 @@ import doctest
 import importlib
 from pathlib import Path
 
+import cv2
 import pytest
+import soundfile
 
 import avssl_pyro as av
 from avssl_pyro.acoustics.presets import resolve_array
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.localization.posterior import select_sources
 
+ROOT = Path(__file__).resolve().parent.parent
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 OBJECTS = {name: getattr(av, name) for name in av.__all__} | {
     "resolve_array": resolve_array,
@@ -37,3 +41,18 @@ def test_a_public_name_has_an_example_that_works(name: str, tmp_path: Path, monk
 
 def test_the_package_itself_has_an_example() -> None:
     assert run_examples(doctest.DocTestFinder(recurse=False).find(av, "avssl_pyro", globs={}))
+
+
+def test_the_first_sample_of_the_readme_runs(
+    scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sample = (ROOT / "README.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
+    assert sample.startswith("import avssl_pyro as av\n")
+    clip = SceneDataset(scene_folder, resolve_array("circle6"))[0]
+    monkeypatch.chdir(tmp_path)
+    soundfile.write("clip.wav", clip.audio_mn.T, 16_000)
+    cv2.imwrite("panorama.jpg", clip.image_ijc[..., ::-1])
+    exec(compile(sample, "README.md", "exec"), {})
+    assert "degrees, level" in capsys.readouterr().out
+    assert Path("overlay.png").is_file()
+    assert list(Path("sounds").glob("clip-source1-*.wav"))
