@@ -1,10 +1,10 @@
 """Families of Gaussians for single scenes, each fitted through one of Pyro's autoguides."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import torch
+from attrs import field, frozen
 from pyro.infer.autoguide import AutoGuide, AutoLowRankMultivariateNormal, AutoNormal
 from pyro.infer.autoguide.initialization import init_to_value
 from torch import Tensor
@@ -12,6 +12,7 @@ from torch.distributions import StickBreakingTransform
 
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian
+from avssl_pyro.validators import at_least
 
 SITES = ["direction_weights", "mixing_levels"]
 # Loadings of shared factors to start with, relative to the spread: none at all would stay so.
@@ -35,7 +36,7 @@ class GaussianFamily(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@frozen
 class MeanField:
     """Every latent on its own: Pyro's AutoNormal."""
 
@@ -58,15 +59,11 @@ class MeanField:
         return UnconstrainedGaussian(loc_bn, scale_bn, loc_bn.new_zeros(*loc_bn.shape, 0), num_sources)
 
 
-@dataclass(frozen=True)
+@frozen
 class LowRank:
     """Every latent on its own, and ``rank`` factors that they share: Pyro's AutoLowRankMultivariateNormal."""
 
-    rank: int = 8
-
-    def __post_init__(self) -> None:
-        if self.rank < 1:
-            raise InputError(f"LowRank: rank is {self.rank}; it must be at least 1.")
+    rank: int = field(default=8, validator=at_least(1))
 
     def autoguide(
         self, model: ClipModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor

@@ -16,6 +16,7 @@ from typing import Any
 
 import pyro
 import torch
+from attrs import field, frozen
 from pyro import poutine
 from pyro.infer import NUTS
 from torch import Tensor, nn
@@ -27,12 +28,13 @@ from avssl_pyro.guides.base import ClipFittedGuide, FixedGuide, GuideParameters,
 from avssl_pyro.guides.per_clip import dirichlet_of_moments
 from avssl_pyro.guides.posterior_draws import PosteriorDraws
 from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
+from avssl_pyro.validators import at_least, between
 
 # Distance of chains from the start in standard deviations: apart, but in the same copy of the mode.
 JITTER = 0.5
 
 
-@dataclass(frozen=True)
+@frozen
 class NutsConfig:
     """Length and accuracy of the sampling.
 
@@ -46,20 +48,13 @@ class NutsConfig:
         progress: whether a bar is shown.
     """
 
-    draws: int = 250
-    warmup: int = 250
-    chains: int = 2
-    max_tree_depth: int = 7
-    target_accept: float = 0.8
+    draws: int = field(default=250, validator=at_least(1))
+    warmup: int = field(default=250, validator=at_least(1))
+    chains: int = field(default=2, validator=at_least(1))
+    max_tree_depth: int = field(default=7, validator=at_least(1))
+    target_accept: float = field(default=0.8, validator=between(0, 1))
     seed: int = 0
     progress: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("draws", "warmup", "chains", "max_tree_depth"):
-            if getattr(self, name) < 1:
-                raise InputError(f"NutsConfig: {name} is {getattr(self, name)}; it must be at least 1.")
-        if not 0 < self.target_accept < 1:
-            raise InputError(f"NutsConfig: target_accept is {self.target_accept}; it must lie between 0 and 1.")
 
 
 @dataclass(frozen=True)

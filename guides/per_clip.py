@@ -4,10 +4,9 @@ They need the model's two latent sites only, so they work with any priors and an
 latent apart; low rank adds correlations between latents.
 """
 
-from dataclasses import dataclass
-
 import pyro
 import torch
+from attrs import field, frozen
 from pyro import poutine
 from pyro.infer import Trace_ELBO
 from torch import Tensor
@@ -19,6 +18,7 @@ from avssl_pyro.guides.base import ClipFittedGuide, FixedGuide, GuideParameters,
 from avssl_pyro.guides.gaussian_families import ClipModel, GaussianFamily, MeanField
 from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
+from avssl_pyro.validators import at_least, positive
 
 # The last step of Adam relative to the first.
 LAST_STEP = 0.05
@@ -27,7 +27,7 @@ LEVEL_DRAWS = 2000
 FIRST_SPREAD = 0.3
 
 
-@dataclass(frozen=True)
+@frozen
 class PerClipConfig:
     """Settings of the optimiser.
 
@@ -37,15 +37,9 @@ class PerClipConfig:
         seed: seed of the draws, the same for every clip.
     """
 
-    steps: int = 100
-    learning_rate: float = 0.15
+    steps: int = field(default=100, validator=at_least(1))
+    learning_rate: float = field(default=0.15, validator=positive)
     seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.steps < 1:
-            raise InputError(f"PerClipConfig: steps is {self.steps}; it must be at least 1.")
-        if not self.learning_rate > 0:
-            raise InputError(f"PerClipConfig: learning_rate is {self.learning_rate}; it must be positive.")
 
 
 class PerClipGuide(ClipFittedGuide):

@@ -1,11 +1,11 @@
 """The settings of a refinement."""
 
-from dataclasses import dataclass
+from attrs import field, frozen
 
-from avssl_pyro.errors import InputError
+from avssl_pyro.validators import at_least
 
 
-@dataclass(frozen=True)
+@frozen
 class RefinementConfig:
     """How far and on what a posterior is refined.
 
@@ -23,17 +23,10 @@ class RefinementConfig:
     120
     """
 
-    rounds: int = 30
+    rounds: int = field(default=30, validator=at_least(1))
     tolerance: float = 1e-4
     softening: float = 0.8
     image_weight: float = 0.0
-    extra_classes: int = 0
-    bin_step: int = 1
-    frame_step: int = 1
-
-    def __post_init__(self) -> None:
-        for name in ("rounds", "bin_step", "frame_step"):
-            if getattr(self, name) < 1:
-                raise InputError(f"RefinementConfig: {name} is {getattr(self, name)}; it must be at least 1.")
-        if self.extra_classes < 0:
-            raise InputError(f"RefinementConfig: extra_classes is {self.extra_classes}; it must be at least 0.")
+    extra_classes: int = field(default=0, validator=at_least(0))
+    bin_step: int = field(default=1, validator=at_least(1))
+    frame_step: int = field(default=1, validator=at_least(1))

@@ -4,10 +4,10 @@ A likelihood may also return its density as a function of x^H H^-1 x (``density_
 """
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
 import torch
+from attrs import field, frozen
 from pyro.distributions import TorchDistribution
 from torch import Tensor
 
@@ -16,7 +16,7 @@ from avssl_pyro.distributions.e_step import DensityGenerator
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.distributions.student_mixture import StudentMixture
-from avssl_pyro.errors import InputError
+from avssl_pyro.validators import Requirement, between, positive
 
 
 class Likelihood(Protocol):
@@ -36,7 +36,7 @@ class Likelihood(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@frozen
 class ProfiledGaussian:
     """The paper's: power spectral densities at their maximum-likelihood values (Eqs. 15, 16).
 
@@ -55,7 +55,7 @@ class ProfiledGaussian:
         return DensityGenerator(observed.num_microphones, observed.num_microphones * observed.floor_b)
 
 
-@dataclass(frozen=True)
+@frozen
 class InverseGammaPsd:
     """Power spectral densities are latent, lambda ~ InvGamma(shape, scale), and integrated over: a complex Student t.
 
@@ -64,13 +64,8 @@ class InverseGammaPsd:
         scale: in units of power of the spectrogram; a bin far below it tells nothing of directions.
     """
 
-    shape: float = 0.5
-    scale: float = 1e-3
-
-    def __post_init__(self) -> None:
-        for name in ("shape", "scale"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"InverseGammaPsd: {name} is {getattr(self, name)}; it must be positive.")
+    shape: float = field(default=0.5, validator=positive)
+    scale: float = field(default=1e-3, validator=positive)
 
     def __call__(
         self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float
@@ -92,7 +87,7 @@ class InverseGammaPsd:
         return DensityGenerator(observed.num_microphones + self.shape, torch.maximum(offset_b, observed.floor_b))
 
 
-@dataclass(frozen=True)
+@frozen
 class FrameActivity:
     """The paper's likelihood with levels of their own in every frame, for classes that pause.
 
@@ -101,16 +96,10 @@ class FrameActivity:
         most_active: classes that may sound in one frame; None for all. Fewer are faster.
     """
 
-    activity: float = 0.5
-    most_active: int | None = None
-
-    def __post_init__(self) -> None:
-        if not 0 < self.activity < 1:
-            raise InputError(f"FrameActivity: activity is {self.activity}; it must be between 0 and 1.")
-        if self.most_active is not None and self.most_active < 1:
-            raise InputError(
-                f"FrameActivity: most_active is {self.most_active}; it must be at least 1, or None for all."
-            )
+    activity: float = field(default=0.5, validator=between(0, 1))
+    most_active: int | None = field(
+        default=None, validator=Requirement(lambda value: value is None or value >= 1, "at least 1, or None for all")
+    )
 
     def __call__(
         self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float

@@ -5,11 +5,11 @@ Besides the distribution, a prior may say how the closed-form refinement folds i
 """
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
 import pyro.distributions as dist
 import torch
+from attrs import field, frozen
 from pyro.distributions import TorchDistribution
 from torch import Tensor
 from torch.distributions import constraints
@@ -25,7 +25,7 @@ from avssl_pyro.distributions.log_weight_priors import (
     NormalLogWeights,
 )
 from avssl_pyro.distributions.simplex import AdditiveLogRatio, TruncatedStickBreaking
-from avssl_pyro.errors import InputError
+from avssl_pyro.validators import between, positive, within
 
 
 class LevelPrior(Protocol):
@@ -44,14 +44,11 @@ class DirectionPrior(Protocol):
         ...
 
 
-@dataclass(frozen=True)
+@frozen
 class SymmetricDirichlet:
     """pi ~ Dir(alpha, ..., alpha); alpha = 1 likes all levels alike."""
 
-    alpha: float = 1.0
-
-    def __post_init__(self) -> None:
-        _require_positive(self, "alpha")
+    alpha: float = field(default=1.0, validator=positive)
 
     def __call__(self, num_sources: int, like: Tensor) -> TorchDistribution:
         return dist.Dirichlet(self.pseudo_counts(num_sources, like))
@@ -61,7 +58,7 @@ class SymmetricDirichlet:
         return like.new_full((num_sources,), self.alpha)
 
 
-@dataclass(frozen=True)
+@frozen
 class SparseDirichlet(SymmetricDirichlet):
     """pi ~ Dir(alpha, ..., alpha); alpha < 1 shrinks source classes that are not needed (Sec. III-C).
 
@@ -69,10 +66,10 @@ class SparseDirichlet(SymmetricDirichlet):
     torch.Size([4])
     """
 
-    alpha: float = 0.01
+    alpha: float = field(default=0.01, validator=positive)
 
 
-@dataclass(frozen=True)
+@frozen
 class StickBreaking:
     """A Dirichlet process cut off after K classes (Sethuraman 1994): the first classes are the loud ones.
 
@@ -80,23 +77,17 @@ class StickBreaking:
         concentration: the smaller, the fewer classes share the sound.
     """
 
-    concentration: float = 1.0
-
-    def __post_init__(self) -> None:
-        _require_positive(self, "concentration")
+    concentration: float = field(default=1.0, validator=positive)
 
     def __call__(self, num_sources: int, like: Tensor) -> TorchDistribution:
         return TruncatedStickBreaking(like.new_tensor(self.concentration), num_sources)
 
 
-@dataclass(frozen=True)
+@frozen
 class LogisticNormal:
     """pi = softmax(z) with z_k ~ N(0, sigma^2) (Aitchison 1986); levels are never quite 0."""
 
-    sigma: float = 1.0
-
-    def __post_init__(self) -> None:
-        _require_positive(self, "sigma")
+    sigma: float = field(default=1.0, validator=positive)
 
     def __call__(self, num_sources: int, like: Tensor) -> TorchDistribution:
         if num_sources == 1:
@@ -108,7 +99,7 @@ class LogisticNormal:
         return dist.TransformedDistribution(normal, [AdditiveLogRatio()])
 
 
-@dataclass(frozen=True)
+@frozen
 class LogNormalWeights:
     """w_kd ~ LogNormal(0, sigma^2), which keeps weights from taking exceedingly large values (Eq. 11).
 
@@ -116,10 +107,7 @@ class LogNormalWeights:
     torch.Size([4, 72])
     """
 
-    sigma: float = 1.0
-
-    def __post_init__(self) -> None:
-        _require_positive(self, "sigma")
+    sigma: float = field(default=1.0, validator=positive)
 
     def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
         zero = like.new_zeros(num_sources, num_directions)
@@ -130,14 +118,11 @@ class LogNormalWeights:
         return NormalLogWeights(self.sigma)
 
 
-@dataclass(frozen=True)
+@frozen
 class GammaWeights:
     """w_kd ~ Gamma(shape, rate = shape), of mean 1; a small shape lets most directions fall silent."""
 
-    shape: float = 1.0
-
-    def __post_init__(self) -> None:
-        _require_positive(self, "shape")
+    shape: float = field(default=1.0, validator=positive)
 
     def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
         shape_kd = like.new_full((num_sources, num_directions), self.shape)
@@ -148,14 +133,11 @@ class GammaWeights:
         return GammaLogWeights(self.shape)
 
 
-@dataclass(frozen=True)
+@frozen
 class HalfNormalWeights:
     """``w_kd = |v|`` with v ~ N(0, sigma^2): no direction stands out far, any may be silent."""
 
-    sigma: float = 1.0
-
-    def __post_init__(self) -> None:
-        _require_positive(self, "sigma")
+    sigma: float = field(default=1.0, validator=positive)
 
     def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
         return dist.HalfNormal(like.new_full((num_sources, num_directions), self.sigma)).to_event(2)
@@ -171,7 +153,7 @@ class _PositiveMixture(dist.MixtureSameFamily):
     support = constraints.positive
 
 
-@dataclass(frozen=True)
+@frozen
 class SpikeAndSlabWeights:
     """log w_kd ~ share N(0, sigma^2) + (1 - share) N(-depth, sigma^2): a class sounds from few directions.
 
@@ -181,14 +163,9 @@ class SpikeAndSlabWeights:
         sigma: spread of either.
     """
 
-    share: float = 0.1
-    depth: float = 4.0
-    sigma: float = 1.0
-
-    def __post_init__(self) -> None:
-        _require_positive(self, "depth", "sigma")
-        if not 0 < self.share < 1:
-            raise InputError(f"SpikeAndSlabWeights: share is {self.share}; it must be between 0 and 1.")
+    share: float = field(default=0.1, validator=between(0, 1))
+    depth: float = field(default=4.0, validator=positive)
+    sigma: float = field(default=1.0, validator=positive)
 
     def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
         part_kdj, mean_kdj = (part_j.expand(num_sources, num_directions, 2) for part_j in self._components(like))
@@ -204,7 +181,7 @@ class SpikeAndSlabWeights:
         return like.new_tensor([self.share, 1 - self.share]), like.new_tensor([0.0, -self.depth])
 
 
-@dataclass(frozen=True)
+@frozen
 class CircularWeights:
     """log w_k ~ a Gaussian process around the circle, so that neighbours share.
 
@@ -216,15 +193,10 @@ class CircularWeights:
         rough: share of the variance that neighbours do not have in common.
     """
 
-    sigma: float = 1.0
-    width_deg: float = 15.0
-    rough: float = 0.1
-
-    def __post_init__(self) -> None:
-        _require_positive(self, "sigma", "width_deg")
-        # Without it a wide process has no density in float32: its covariance is singular to rounding.
-        if not 1e-3 <= self.rough <= 1:
-            raise InputError(f"CircularWeights: rough is {self.rough}; it must be from 0.001 to 1.")
+    sigma: float = field(default=1.0, validator=positive)
+    width_deg: float = field(default=15.0, validator=positive)
+    # Without roughness a wide process has a covariance that is singular in float32.
+    rough: float = field(default=0.1, validator=within(1e-3, 1))
 
     def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> TorchDistribution:
         zero_kd = like.new_zeros(num_sources, num_directions)
@@ -243,10 +215,3 @@ class CircularWeights:
         """The same over log w."""
         covariance_dd = self.covariance(num_directions, like.new_zeros((), dtype=torch.float64))
         return CorrelatedLogWeights(torch.linalg.inv(covariance_dd).to(like))
-
-
-def _require_positive(prior: object, *names: str) -> None:
-    for name in names:
-        value = getattr(prior, name)
-        if not 0 < value < math.inf:
-            raise InputError(f"{type(prior).__name__}: {name} is {value}; it must be positive.")

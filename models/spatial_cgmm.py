@@ -8,8 +8,6 @@
       `------------------ plate "clip", B -----------------'
 """
 
-import math
-
 import pyro
 import torch
 from pyro.distributions import TorchDistribution
@@ -21,6 +19,7 @@ from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
 from avssl_pyro.errors import InputError
 from avssl_pyro.models.likelihoods import Likelihood, ProfiledGaussian
 from avssl_pyro.models.priors import DirectionPrior, LevelPrior, LogNormalWeights, SparseDirichlet
+from avssl_pyro.validators import at_least, positive
 
 
 class SpatialCGMM(PyroModule):
@@ -62,14 +61,9 @@ class SpatialCGMM(PyroModule):
         likelihood: Likelihood = ProfiledGaussian(),  # noqa: B008
     ) -> None:
         super().__init__()
-        least = LEAST_DIFFUSE[steering_fdm.dtype]
-        for name, value, fulfilled, what in (
-            ("num_sources", num_sources, num_sources >= 1, "at least 1"),
-            ("diffuse", diffuse, least <= diffuse < math.inf, f"at least {least:g}"),
-            ("bin_weight", bin_weight, 0 < bin_weight < math.inf, "positive"),
-        ):
-            if not fulfilled:
-                raise InputError(f"SpatialCGMM: {name} is {value}; it must be {what}.")
+        at_least(1).check("SpatialCGMM", "num_sources", num_sources)
+        at_least(LEAST_DIFFUSE[steering_fdm.dtype]).check("SpatialCGMM", "diffuse", diffuse)
+        positive.check("SpatialCGMM", "bin_weight", bin_weight)
         self.num_sources = num_sources
         self.level_prior = level_prior
         self.direction_prior = direction_prior

@@ -20,7 +20,7 @@ MOST_LINES = 320
 # From the bottom up: a package may import itself and what is in the layers below.
 LAYERS = [
     {"errors"},
-    {"atomic_file", "interruption"},
+    {"atomic_file", "interruption", "validators"},
     {"acoustics"},
     {"clip"},
     {"batch", "networks", "distributions"},

@@ -40,7 +40,7 @@ def load(
     *,
     array: str | Path | MicrophoneArray | None = None,
     device: str | torch.device = "cpu",
-    rounds: int = RefinementConfig.rounds,
+    rounds: int = RefinementConfig().rounds,
     thresholds: SourceThresholds | None = None,
 ) -> "Model":
     """Loads a model: pretrained weights for an array, or a checkpoint of training.

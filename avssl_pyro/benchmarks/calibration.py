@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import torch
+from attrs import evolve
 from torch import Tensor, nn
 from tqdm import tqdm
 
@@ -97,7 +98,7 @@ class ToyModel:
             return sample
 
         def by_nuts(x_bfmt: Tensor, image_bcij: Tensor, seeds: Sequence[int]) -> list[PosteriorDraws]:
-            clips = sample_posteriors(refined, model, x_bfmt, image_bcij, replace(config, seed=seeds[0]))
+            clips = sample_posteriors(refined, model, x_bfmt, image_bcij, evolve(config, seed=seeds[0]))
             kept = slice(self.thinning - 1, None, self.thinning)
             return [PosteriorDraws(draws.w_skd[kept].float(), draws.pi_sk[kept].float()) for draws in clips]
 

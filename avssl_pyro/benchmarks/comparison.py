@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from itertools import islice
 from typing import Any
 
+import attrs
 import numpy as np
 import numpy.typing as npt
 from tqdm import tqdm
@@ -223,8 +224,8 @@ class MethodSuite:
         return {
             "system": fingerprint(self.system),
             "without_audio": fingerprint(self.without_audio),
-            "refinement": asdict(self.refinement),
-            "blind_refinement": asdict(audio_only_refinement(self.refinement)),
+            "refinement": attrs.asdict(self.refinement),
+            "blind_refinement": attrs.asdict(audio_only_refinement(self.refinement)),
             "baseline_band_hz": list(self.baseline_band_hz),
             "source_settings": [asdict(setting) for setting in SOURCE_SETTINGS],
             "peak_settings": [asdict(setting) for setting in PEAK_SETTINGS],

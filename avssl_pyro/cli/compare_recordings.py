@@ -1,11 +1,12 @@
 """Localizes labelled recordings by sound alone, beside SRP-PHAT, MUSIC and NormMUSIC."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import tyro
+from attrs import evolve
 
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.benchmarks.recordings import NOTES, RecordingsExperiment, comparison_tables
@@ -80,7 +81,7 @@ def main(args: Sequence[str] | None = None) -> None:
         )
     # Model and spectrogram are those of the pretrained weights, of which nothing else is used.
     preset = PRESETS["two-cores"]
-    model = replace(preset.model, num_sources=options.classes)
+    model = evolve(preset.model, num_sources=options.classes)
     experiment = RecordingsExperiment(
         SystemConfig(resolve_array(options.array), model, stft=preset.stft),
         RefinementConfig(rounds=options.rounds),

@@ -60,7 +60,7 @@ class EvaluateOptions:
     """Size of the default validation set."""
     test_scenes: int = 200
     """Size of the default test set."""
-    rounds: int = RefinementConfig.rounds
+    rounds: int = RefinementConfig().rounds
     """Most rounds of refinement, at least 1, for the rows refined."""
     same_band: bool = False
     """Let the baselines search all frequencies that the system listens to, instead of pyroomacoustics' 500-4000 Hz."""

@@ -47,7 +47,7 @@ class LocalizeOptions:
     """Picture to write; a folder in case of a manifest."""
     separate: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for the sound of each source: one 16 kHz WAV per source, named after the clip and the azimuth."""
-    rounds: int = RefinementConfig.rounds
+    rounds: int = RefinementConfig().rounds
     """Most rounds of refinement, closed-form ascent that fits the posterior to a clip; 0 is the networks' answer,
     faster and much less accurate."""
     thresholds: SourceThresholds = REFINED_THRESHOLDS

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from attrs import evolve
 from torch import Tensor
 
 from avssl_pyro.acoustics.grid import wrap_angle
@@ -32,7 +33,7 @@ DIRECTION_DRAWS = 64
 
 def audio_only_refinement(refinement: RefinementConfig) -> RefinementConfig:
     """The refinement without the image: no prior from it, and no softening, which lobes do not need."""
-    return replace(refinement, image_weight=0.0, softening=1.0)
+    return evolve(refinement, image_weight=0.0, softening=1.0)
 
 
 class Localizer:

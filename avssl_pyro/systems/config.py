@@ -1,9 +1,8 @@
 """The settings of a model and of a guide, and the names of the pretrained systems."""
 
-import math
-from dataclasses import dataclass
+from attrs import field, frozen
 
-from avssl_pyro.errors import InputError
+from avssl_pyro.validators import Requirement, at_least, positive
 
 # Arrays whose weights come with the package.
 PRETRAINED = ("circle2", "circle4", "circle6")
@@ -11,9 +10,11 @@ PRETRAINED = ("circle2", "circle4", "circle6")
 MOST_GENERAL = "circle6"
 # The least eps at which covariance matrices stay invertible in complex64; a test holds it equal to the distribution's.
 LEAST_DIFFUSE = 1e-3
+_WIDTHS = Requirement(lambda widths: len(widths) > 1 and min(widths) >= 1, "two or more widths of at least 1")
+_PROBABILITY = Requirement(lambda value: 0 <= value < 1, "at least 0 and below 1")
 
 
-@dataclass(frozen=True)
+@frozen
 class ModelConfig:
     """The generative model and its priors.
 
@@ -26,22 +27,15 @@ class ModelConfig:
         bin_weight: every observed time-frequency bin stands for so many, where the STFT leaves some out.
     """
 
-    num_sources: int = 4
-    num_directions: int = 72
-    alpha: float = 0.01
-    sigma: float = 1.0
-    diffuse: float = 0.1
-    bin_weight: float = 1.0
-
-    def __post_init__(self) -> None:
-        for name in ("num_sources", "num_directions"):
-            _require(self, name, getattr(self, name) >= 1, "at least 1")
-        for name in ("alpha", "sigma", "bin_weight"):
-            _require(self, name, 0 < getattr(self, name) < math.inf, "positive")
-        _require(self, "diffuse", LEAST_DIFFUSE <= self.diffuse < math.inf, f"at least {LEAST_DIFFUSE:g}")
+    num_sources: int = field(default=4, validator=at_least(1))
+    num_directions: int = field(default=72, validator=at_least(1))
+    alpha: float = field(default=0.01, validator=positive)
+    sigma: float = field(default=1.0, validator=positive)
+    diffuse: float = field(default=0.1, validator=at_least(LEAST_DIFFUSE))
+    bin_weight: float = field(default=1.0, validator=positive)
 
 
-@dataclass(frozen=True)
+@frozen
 class GuideConfig:
     """The guide and its networks.
 
@@ -61,27 +55,13 @@ class GuideConfig:
     """
 
     audio_net: bool = True
-    visual_channels: tuple[int, ...] = (16, 32, 48, 64)
-    audio_channels: int = 48
-    dropout: float = 0.1
+    visual_channels: tuple[int, ...] = field(default=(16, 32, 48, 64), validator=_WIDTHS)
+    audio_channels: int = field(default=48, validator=at_least(1))
+    dropout: float = field(default=0.1, validator=_PROBABILITY)
     circular: bool = True
     position_channels: bool = True
-    anchor_gain: float = 0.0
+    anchor_gain: float = field(default=0.0, validator=at_least(0))
     augment: bool = False
-    initial_sigma: float = 0.3
-    initial_beta: float = 100.0
+    initial_sigma: float = field(default=0.3, validator=positive)
+    initial_beta: float = field(default=100.0, validator=positive)
     diffuse_class: bool = False
-
-    def __post_init__(self) -> None:
-        widths = self.visual_channels
-        _require(self, "visual_channels", len(widths) > 1 and min(widths) >= 1, "two or more widths of at least 1")
-        _require(self, "audio_channels", self.audio_channels >= 1, "at least 1")
-        _require(self, "dropout", 0 <= self.dropout < 1, "at least 0 and below 1")
-        _require(self, "anchor_gain", 0 <= self.anchor_gain < math.inf, "at least 0")
-        for name in ("initial_sigma", "initial_beta"):
-            _require(self, name, 0 < getattr(self, name) < math.inf, "positive")
-
-
-def _require(config: ModelConfig | GuideConfig, name: str, fulfilled: bool, what: str) -> None:
-    if not fulfilled:
-        raise InputError(f"{type(config).__name__}: {name} is {getattr(config, name)}; it must be {what}.")

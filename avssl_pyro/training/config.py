@@ -1,18 +1,19 @@
 """The settings of one training, and the presets they start from."""
 
-import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+import attrs
+
 from avssl_pyro.acoustics.stft_config import StftConfig
-from avssl_pyro.errors import InputError
 from avssl_pyro.systems.config import MOST_GENERAL, GuideConfig, ModelConfig
+from avssl_pyro.validators import at_least, between, positive, within
 
 ARRAY_OF_DATA = "data"
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class DistillationConfig:
     """How refined posteriors teach the guide.
 
@@ -28,30 +29,20 @@ class DistillationConfig:
         frame_step: every how many frames are used for targets.
     """
 
-    weight: float = 0.0
-    level_weight: float = 0.0
-    rounds: int = 10
+    weight: float = attrs.field(default=0.0, validator=at_least(0))
+    level_weight: float = attrs.field(default=0.0, validator=at_least(0))
+    rounds: int = attrs.field(default=10, validator=at_least(1))
     softening: float = 0.6
-    smoothing_deg: float = 5.0
-    warmup: float = 0.15
-    frame_step: int = 2
-
-    def __post_init__(self) -> None:
-        for name in ("weight", "level_weight"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise InputError(f"DistillationConfig: {name} is {getattr(self, name)}; it must be at least 0.")
-        if self.rounds < 1 or self.frame_step < 1 or not 0 < self.smoothing_deg < 180 or not 0 <= self.warmup <= 1:
-            raise InputError(
-                f"DistillationConfig: rounds {self.rounds} and frame_step {self.frame_step} must be at least 1, "
-                f"smoothing_deg {self.smoothing_deg} between 0 and 180, and warmup {self.warmup} between 0 and 1."
-            )
+    smoothing_deg: float = attrs.field(default=5.0, validator=between(0, 180))
+    warmup: float = attrs.field(default=0.15, validator=within(0, 1))
+    frame_step: int = attrs.field(default=2, validator=at_least(1))
 
     def strength_at(self, step: int, total_steps: int) -> float:
         """What the weights are multiplied by at a step of the training; 0 if there is nothing to teach."""
         return min(1.0, step / max(1.0, self.warmup * total_steps)) if self.weight or self.level_weight else 0.0
 
 
-@dataclass(frozen=True)
+@attrs.frozen
 class OptimizationConfig:
     """How a system is trained.
 
@@ -70,26 +61,18 @@ class OptimizationConfig:
         freeze_visual: leave the visual network as it is and train the rest; for a start from another array's system.
     """
 
-    epochs: int = 5
-    batch_size: int = 16
-    learning_rate: float = 1e-3
+    epochs: int = attrs.field(default=5, validator=at_least(1))
+    batch_size: int = attrs.field(default=16, validator=at_least(1))
+    learning_rate: float = attrs.field(default=1e-3, validator=positive)
     weight_decay: float = 1e-2
     warmup_steps: int = 100
     final_learning_rate: float = 0.02
-    gradient_clip: float = 1.0
-    seed: int = 0
-    num_workers: int = 0
-    log_every: int = 10
+    gradient_clip: float = attrs.field(default=1.0, validator=positive)
+    seed: int = attrs.field(default=0, validator=at_least(0))
+    num_workers: int = attrs.field(default=0, validator=at_least(0))
+    log_every: int = attrs.field(default=10, validator=at_least(1))
     checkpoint_minutes: float = 3.0
     freeze_visual: bool = False
-
-    def __post_init__(self) -> None:
-        for name, least in (("epochs", 1), ("batch_size", 1), ("log_every", 1), ("num_workers", 0), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise InputError(f"OptimizationConfig: {name} is {getattr(self, name)}; it must be at least {least}.")
-        for name in ("learning_rate", "gradient_clip"):
-            if not 0 < getattr(self, name) < math.inf:
-                raise InputError(f"OptimizationConfig: {name} is {getattr(self, name)}; it must be positive.")
 
 
 @dataclass(frozen=True)

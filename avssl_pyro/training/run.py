@@ -2,9 +2,9 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
+import cattrs
 import torch
 from lightning_fabric import Fabric
 
@@ -117,11 +117,11 @@ def _claim_run(options: TrainingConfig, array: MicrophoneArray, processes: int) 
         "estimator": options.estimator,
         "precision": options.precision,
         "processes": processes,
-        "model": asdict(options.model),
-        "guide": asdict(options.guide),
-        "stft": asdict(options.stft),
-        "targets": asdict(options.targets),
-        "optimization": asdict(options.optimization),
+        "model": cattrs.unstructure(options.model),
+        "guide": cattrs.unstructure(options.guide),
+        "stft": cattrs.unstructure(options.stft),
+        "targets": cattrs.unstructure(options.targets),
+        "optimization": cattrs.unstructure(options.optimization),
     }
     settings = json.loads(json.dumps(settings))
     path = options.out / RUN_NAME

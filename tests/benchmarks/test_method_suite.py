@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from attrs import evolve
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft_config import StftConfig
@@ -49,7 +50,7 @@ def test_settings_tell_apart_whatever_changes_the_numbers(suite: MethodSuite) ->
     settings = suite.settings()
     assert replace(suite, workers=2).settings() == settings
     for other in (
-        replace(suite, refinement=replace(suite.refinement, rounds=4)),
+        replace(suite, refinement=evolve(suite.refinement, rounds=4)),
         replace(suite, baseline_band_hz=(200.0, 4000.0)),
         replace(suite, without_audio=small_system(audio_net=False)),
     ):

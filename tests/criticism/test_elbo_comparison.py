@@ -16,6 +16,7 @@ import pyro
 import pyro.distributions as dist
 import pytest
 import torch
+from attrs import evolve
 from pyro.infer import TraceMeanField_ELBO
 from torch import Tensor
 from torch.distributions import kl_divergence
@@ -140,7 +141,7 @@ def test_a_wrong_term_is_caught_and_named(
 
 @pytest.mark.parametrize(
     ("wrong", "term"),
-    [(replace(CONFIG.model, alpha=0.02), "KL of pi"), (replace(CONFIG.model, sigma=1.1), "KL of w")],
+    [(evolve(CONFIG.model, alpha=0.02), "KL of pi"), (evolve(CONFIG.model, sigma=1.1), "KL of w")],
 )
 def test_a_prior_that_is_not_the_configured_one_is_caught(
     wrong: ModelConfig, term: str, system: System, clips: tuple[Tensor, Tensor]
@@ -184,7 +185,7 @@ def test_every_divergence_of_the_default_system_is_analytic(system: System, clip
 
 
 def test_certain_levels_cost_their_prior_density(clips: tuple[Tensor, Tensor]) -> None:
-    without_audio = make_system(replace(CONFIG, guide=replace(CONFIG.guide, audio_net=False)))
+    without_audio = make_system(replace(CONFIG, guide=evolve(CONFIG.guide, audio_net=False)))
     assert sites(without_audio, clips) == {"direction_weights": True, "mixing_levels": True}
     estimator = TraceMeanFieldELBOWithTerms()
     estimator(without_audio.model, without_audio.guide)(*clips)

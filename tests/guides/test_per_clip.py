@@ -1,11 +1,10 @@
 """Guides fitted to single scenes: they raise the ELBO they start on, under any model, and touch nothing around them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pyro
 import pytest
 import torch
+from attrs import evolve
 from pyro import distributions as dist
 from pyro.infer import Trace_ELBO
 from torch import Tensor
@@ -63,7 +62,7 @@ def mean_elbo(model: SpatialCGMM, guide: torch.nn.Module, data: tuple[Tensor, Te
 def test_a_fit_raises_the_elbo_of_its_start(
     family: GaussianFamily, model: SpatialCGMM, start: RefinedGuide, data: tuple[Tensor, Tensor]
 ) -> None:
-    start.config = replace(start.config, rounds=5)
+    start.config = evolve(start.config, rounds=5)
     fitted = PerClipGuide(start, model, family).fitted_to(*data)
     assert mean_elbo(model, fitted, data) > mean_elbo(model, start, data) + 20
 

@@ -1,6 +1,5 @@
 """The refined guide: it climbs the ELBO it starts on, clip by clip, and stays within the public sites."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +7,7 @@ import pyro
 import pyro.distributions as dist
 import pytest
 import torch
+from attrs import evolve
 from pyro.infer import Trace_ELBO
 from torch import Tensor
 
@@ -90,14 +90,14 @@ def mean_loss(guide: torch.nn.Module, data: tuple[Tensor, Tensor]) -> float:
 
 
 def test_every_few_rounds_raise_the_elbo(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
-    guides = [RefinedGuide(start, model(), replace(WHOLE, rounds=rounds)) for rounds in (2, 6, 40)]
+    guides = [RefinedGuide(start, model(), evolve(WHOLE, rounds=rounds)) for rounds in (2, 6, 40)]
     losses = [mean_loss(guide, data) for guide in (start, *guides)]
     assert losses == sorted(losses, reverse=True)
     assert losses[0] - losses[-1] > 1000
 
 
 def test_it_finds_both_talkers(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
-    parameters = RefinedGuide(start, model(), replace(WHOLE, rounds=60)).parameters_of(*data)
+    parameters = RefinedGuide(start, model(), evolve(WHOLE, rounds=60)).parameters_of(*data)
     level_bk = parameters.concentration_bk / parameters.concentration_bk.sum(-1, keepdim=True)
     for b in range(B):
         loud = level_bk[b].topk(2).indices
@@ -117,7 +117,7 @@ def test_a_quarter_of_the_bins_finds_the_same_sources_and_levels(
 ) -> None:
     whole, thinned = (
         RefinedGuide(start, model(), config).parameters_of(*data)
-        for config in (replace(WHOLE, rounds=60), replace(THINNED, rounds=60))
+        for config in (evolve(WHOLE, rounds=60), evolve(THINNED, rounds=60))
     )
     assert thinned.concentration_bk.sum(-1).numpy() == pytest.approx(whole.concentration_bk.sum(-1).numpy(), rel=0.1)
     for parameters in (whole, thinned):
@@ -129,7 +129,7 @@ def test_a_quarter_of_the_bins_finds_the_same_sources_and_levels(
 
 def test_a_clip_does_not_depend_on_its_batch(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
     x_bfmt, image_bcij = data
-    guide = RefinedGuide(start, model(), replace(WHOLE, tolerance=1e-3))
+    guide = RefinedGuide(start, model(), evolve(WHOLE, tolerance=1e-3))
     together = guide.parameters_of(x_bfmt, image_bcij)
     for b in range(B):
         alone = guide.parameters_of(x_bfmt[b : b + 1], image_bcij[b : b + 1])
@@ -139,7 +139,7 @@ def test_a_clip_does_not_depend_on_its_batch(start: AmortizedGuide, data: tuple[
 
 def test_more_classes_than_the_networks_have(start: AmortizedGuide, data: tuple[Tensor, Tensor]) -> None:
     more = SpatialCGMM(STEERING_FDM, num_sources=K + 2)
-    parameters = RefinedGuide(start, more, replace(WHOLE, extra_classes=2)).parameters_of(*data)
+    parameters = RefinedGuide(start, more, evolve(WHOLE, extra_classes=2)).parameters_of(*data)
     assert parameters.mu_bkd.shape == (B, K + 2, D)
     assert parameters.concentration_bk.shape == (B, K + 2)
     assert parameters.activation_bkij.shape[1] == K + 2
@@ -150,7 +150,7 @@ def test_the_picture_pulls_as_hard_as_told(start: AmortizedGuide, data: tuple[Te
     mu_bkd = start.parameters_of(*data).mu_bkd
     distances = []
     for image_weight, prior_sigma in ((0.0, 1.0), (1.0, 1.0), (1.0, 0.01)):
-        config = replace(WHOLE, image_weight=image_weight)
+        config = evolve(WHOLE, image_weight=image_weight)
         refined_bkd = RefinedGuide(start, model(LogNormalWeights(prior_sigma)), config).parameters_of(*data).mu_bkd
         # Only differences between directions matter.
         offset_bkd = refined_bkd - mu_bkd
@@ -164,7 +164,7 @@ def test_a_softened_start_is_the_networks_own_with_less_conviction(
 ) -> None:
     """With a prior that holds on to the softened start there is nothing else to see of it."""
     mu_bkd = start.parameters_of(*data).mu_bkd
-    config = replace(WHOLE, softening=0.25, image_weight=0.25, rounds=2)
+    config = evolve(WHOLE, softening=0.25, image_weight=0.25, rounds=2)
     refined_bkd = RefinedGuide(start, model(LogNormalWeights(1e-3)), config).parameters_of(*data).mu_bkd
     difference_bkd = refined_bkd - 0.25 * mu_bkd
     assert (difference_bkd - difference_bkd.mean(-1, keepdim=True)).abs().max() < 0.01
@@ -201,7 +201,7 @@ def test_it_climbs_the_elbo_of_whatever_model_it_is_given(
     losses = []
     for rounds in (1, 20):
         torch.manual_seed(0)
-        guide = RefinedGuide(start, of_clips, replace(WHOLE, rounds=rounds))
+        guide = RefinedGuide(start, of_clips, evolve(WHOLE, rounds=rounds))
         losses.append(elbo(of_clips, guide)(*data).item())
         loud_b2 = guide.parameters_of(*data).concentration_bk.topk(2, dim=-1).indices
     assert losses[0] - losses[1] > 500

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from attrs import evolve
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft_config import StftConfig
@@ -33,7 +34,7 @@ CONFIG = SystemConfig(
 
 def make_system(initial_sigma: float = 0.3, audio_net: bool = True) -> System:
     torch.manual_seed(0)
-    guide = replace(CONFIG.guide, initial_sigma=initial_sigma, audio_net=audio_net)
+    guide = evolve(CONFIG.guide, initial_sigma=initial_sigma, audio_net=audio_net)
     return build_system(replace(CONFIG, guide=guide))
 
 

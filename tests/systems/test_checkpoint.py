@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 import torch
+from attrs import evolve
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors import safe_open
@@ -66,7 +67,7 @@ def test_the_fingerprint_is_that_of_weights_and_configuration(path: Path) -> Non
     system = make_system()
     before = fingerprint(system)
     assert fingerprint(load_checkpoint(path)) == before
-    assert fingerprint(make_system(replace(CONFIG, model=replace(CONFIG.model, alpha=0.06)))) != before
+    assert fingerprint(make_system(replace(CONFIG, model=evolve(CONFIG.model, alpha=0.06)))) != before
     with torch.no_grad():
         system.guide.log_sigma_k[0] += 1e-3
     assert fingerprint(system) != before
@@ -75,7 +76,7 @@ def test_the_fingerprint_is_that_of_weights_and_configuration(path: Path) -> Non
 @pytest.mark.parametrize("audio_net", [True, False])
 @pytest.mark.parametrize("diffuse_class", [True, False])
 def test_a_loaded_system_has_the_same_posterior(tmp_path: Path, audio_net: bool, diffuse_class: bool) -> None:
-    config = replace(CONFIG, guide=replace(CONFIG.guide, audio_net=audio_net, diffuse_class=diffuse_class))
+    config = replace(CONFIG, guide=evolve(CONFIG.guide, audio_net=audio_net, diffuse_class=diffuse_class))
     system = make_system(config)
     x_bfmt = torch.randn(2, len(CONFIG.stft.frequencies), 2, 9, dtype=torch.complex64)
     image_bcij = torch.rand(2, 3, 16, 32)

@@ -8,11 +8,11 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
+from attrs import evolve
 from lightning_fabric import Fabric
 
 from avssl_pyro.acoustics.presets import PRESETS
@@ -31,7 +31,7 @@ SMALL = GuideConfig(visual_channels=(4, 8), audio_channels=8)
 CONFIG = OptimizationConfig(epochs=2, batch_size=2, warmup_steps=2, num_workers=0, log_every=1)
 
 
-LONG = replace(CONFIG, epochs=6)
+LONG = evolve(CONFIG, epochs=6)
 
 
 def small_system(seed: int = 0, guide: GuideConfig = SMALL) -> System:
@@ -54,7 +54,7 @@ def without_speed(records: list[dict[str, float]]) -> list[dict[str, float]]:
 
 def test_the_elbo_rises_and_every_term_is_logged(dataset: SceneDataset, tmp_path: Path) -> None:
     system = small_system()
-    train(system, dataset, replace(CONFIG, epochs=6, learning_rate=1e-2), tmp_path, fabric())
+    train(system, dataset, evolve(CONFIG, epochs=6, learning_rate=1e-2), tmp_path, fabric())
     records = read_log(tmp_path)
     first, last = records[:5], records[-5:]
     assert sum(record["loss"] for record in last) < sum(record["loss"] for record in first)
@@ -94,7 +94,7 @@ def test_refined_targets_are_logged_and_resumed_exactly(dataset: SceneDataset, t
 def test_a_frozen_visual_network_stays_as_it_is_while_the_rest_learns(dataset: SceneDataset, tmp_path: Path) -> None:
     system = small_system()
     before = {name: value.clone() for name, value in system.state_dict().items()}
-    train(system, dataset, replace(CONFIG, freeze_visual=True), tmp_path, fabric())
+    train(system, dataset, evolve(CONFIG, freeze_visual=True), tmp_path, fabric())
     for name, value in system.state_dict().items():
         learns = not name.startswith("guide.visual.")
         assert torch.equal(value, before[name]) != learns, name
@@ -102,9 +102,9 @@ def test_a_frozen_visual_network_stays_as_it_is_while_the_rest_learns(dataset: S
 
 def test_the_number_of_reading_workers_changes_nothing(dataset: SceneDataset, tmp_path: Path) -> None:
     alone, helped = small_system(), small_system()
-    config = replace(CONFIG, epochs=1)
+    config = evolve(CONFIG, epochs=1)
     train(alone, dataset, config, tmp_path / "alone", fabric())
-    train(helped, dataset, replace(config, num_workers=1), tmp_path / "helped", fabric())
+    train(helped, dataset, evolve(config, num_workers=1), tmp_path / "helped", fabric())
     assert all(torch.equal(value, helped.state_dict()[name]) for name, value in alone.state_dict().items())
 
 
@@ -128,15 +128,15 @@ def test_ctrl_c_saves_and_the_run_goes_on(dataset: SceneDataset, tmp_path: Path)
 
 def test_a_finished_run_is_not_trained_again(dataset: SceneDataset, tmp_path: Path) -> None:
     system = small_system()
-    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric())
+    train(system, dataset, evolve(CONFIG, epochs=1), tmp_path, fabric())
     before = {name: value.clone() for name, value in system.state_dict().items()}
-    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric())
+    train(system, dataset, evolve(CONFIG, epochs=1), tmp_path, fabric())
     assert all(torch.equal(value, system.state_dict()[name]) for name, value in before.items())
 
 
 def test_the_checkpoint_holds_the_trained_weights(dataset: SceneDataset, tmp_path: Path) -> None:
     system = small_system()
-    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric())
+    train(system, dataset, evolve(CONFIG, epochs=1), tmp_path, fabric())
     loaded = load_checkpoint(tmp_path / CHECKPOINT_NAME)
     assert all(torch.equal(value, loaded.state_dict()[name]) for name, value in system.state_dict().items())
     config = json.loads((tmp_path / CHECKPOINT_NAME).with_suffix(".json").read_text())
@@ -153,9 +153,9 @@ def test_a_nan_stops_with_the_step_the_term_and_the_clip(dataset: SceneDataset, 
 
 
 def test_trace_elbo_and_the_guide_without_audio_network_train_too(dataset: SceneDataset, tmp_path: Path) -> None:
-    system = small_system(guide=replace(SMALL, audio_net=False))
+    system = small_system(guide=evolve(SMALL, audio_net=False))
     targets = DistillationConfig(weight=0.1, warmup=0.0)
-    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric(), TraceELBOWithTerms(), targets)
+    train(system, dataset, evolve(CONFIG, epochs=1), tmp_path, fabric(), TraceELBOWithTerms(), targets)
     assert read_log(tmp_path)[-1]["direction_cross_entropy"] > 0
     assert "beta" not in read_log(tmp_path)[-1]
 
@@ -166,7 +166,7 @@ def test_bfloat16_networks_leave_the_likelihood_in_full_precision(dataset: Scene
         train(
             small_system(),
             dataset,
-            replace(CONFIG, epochs=1),
+            evolve(CONFIG, epochs=1),
             tmp_path / precision,
             Fabric(accelerator="cpu", devices=1, precision=precision),
         )
@@ -176,9 +176,9 @@ def test_bfloat16_networks_leave_the_likelihood_in_full_precision(dataset: Scene
 
 def test_a_finished_run_whose_checkpoint_is_gone_writes_it_again(dataset: SceneDataset, tmp_path: Path) -> None:
     system = small_system()
-    train(system, dataset, replace(CONFIG, epochs=1), tmp_path, fabric())
+    train(system, dataset, evolve(CONFIG, epochs=1), tmp_path, fabric())
     (tmp_path / CHECKPOINT_NAME).unlink()
-    train(small_system(seed=1), dataset, replace(CONFIG, epochs=1), tmp_path, fabric())
+    train(small_system(seed=1), dataset, evolve(CONFIG, epochs=1), tmp_path, fabric())
     written = load_checkpoint(tmp_path / CHECKPOINT_NAME).state_dict()
     assert all(torch.equal(value, written[name]) for name, value in system.state_dict().items())
 
@@ -193,7 +193,7 @@ def test_an_altered_shard_is_told_in_one_sentence(scene_folder: Path, tmp_path: 
     shard.write_bytes(content)
     altered = SceneDataset(folder, PRESETS["circle4"])
     with pytest.raises(InputError, match=rf"^[^\n]*{shard.name}[^\n]*$"):
-        train(small_system(), altered, replace(CONFIG, num_workers=num_workers), tmp_path / "run", fabric())
+        train(small_system(), altered, evolve(CONFIG, num_workers=num_workers), tmp_path / "run", fabric())
 
 
 @pytest.mark.parametrize("damage", [b"", b"not a checkpoint", None])
