@@ -212,12 +212,12 @@ class Model:
         return localize_recording(recording, localizer, rate_hz=rate_hz, tracking=tracking, progress=progress)
 
 
-def _audio_array(audio: npt.NDArray[Any], rate: int, array: MicrophoneArray) -> npt.NDArray[np.float32]:
+def _audio_array(audio: npt.NDArray[Any], rate: float, array: MicrophoneArray) -> npt.NDArray[np.float32]:
     if audio.ndim != 2:
         raise InputError(f"audio: its shape is {audio.shape}; give (M, N), one row of samples per channel.")
     if not np.issubdtype(audio.dtype, np.floating):
         raise InputError(f"audio: its type is {audio.dtype}; give floats from -1 to 1, such as 16-bit samples / 32768.")
-    if not rate > 0 or rate != int(rate):
+    if not (isinstance(rate, int | float) and rate > 0 and rate == int(rate)):
         raise InputError(f"audio: sample_rate is {rate}; give a positive whole number of Hz.")
     if audio.shape[0] > audio.shape[1]:
         raise InputError(

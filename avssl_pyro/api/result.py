@@ -36,6 +36,8 @@ class Result:
 
     >>> from avssl_pyro.api.model import load
     >>> result = load("circle4").localize(np.zeros((4, 16_000)), np.zeros((88, 288, 3), np.uint8))
+    >>> result
+    Result(no source)
     >>> result.plot().shape
     (386, 1152, 3)
     >>> result.to_dict()["format"]
@@ -49,6 +51,10 @@ class Result:
     localization: Localization
     has_image: bool
     context: dict[str, Any]
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{source.azimuth_deg:+.0f}° (level {source.level:.2f})" for source in self.sources)
+        return f"Result({found or 'no source'})"
 
     @property
     def sources(self) -> tuple[LocalizedSource, ...]:

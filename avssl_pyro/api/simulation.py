@@ -62,6 +62,8 @@ def simulate(
         raise InputError(
             f"simulate: scenes is {scenes} and seed {seed}; give at least 1 scene and a seed of at least 0."
         )
+    if workers < 1 and workers != -1:
+        raise InputError(f"simulate: workers is {workers}; give at least 1, or -1 for one per core.")
     out = Path(out)
     simulator = SceneSimulator(
         config=SceneConfig(condition=CONDITIONS[condition]),

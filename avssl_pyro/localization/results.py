@@ -1,7 +1,7 @@
 """The result of localizing one clip, and its documented form ``avssl-result/1``."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ class Localization:
         grid: directions of the posterior's weights.
     """
 
-    posterior: ClipPosterior
+    posterior: ClipPosterior = field(repr=False)
     sources: tuple[LocalizedSource, ...]
     grid: DirectionGrid
 
