@@ -4,7 +4,6 @@ The source folder is the repository's root, so links between pages, notebooks an
 """
 
 import importlib
-import importlib.util
 import re
 import sys
 from pathlib import Path
@@ -105,21 +104,6 @@ def notebooks_of(app: Sphinx, *_: object) -> list[str]:
     return [name for name in app.env.found_docs if name.startswith("notebooks/")]
 
 
-def is_module(name: str) -> bool:
-    try:
-        return importlib.util.find_spec(name) is not None
-    except ModuleNotFoundError:
-        return False
-
-
-def drop_stale_pages(_: Sphinx) -> None:
-    """Removes API pages of modules that are gone, which autosummary keeps."""
-    for page in (ROOT / "docs" / "api").glob("*.rst"):
-        if not is_module(page.stem):
-            page.unlink()
-
-
 def setup(app: Sphinx) -> None:
-    app.connect("builder-inited", drop_stale_pages, priority=400)
     app.connect("source-read", read)
     app.connect("env-get-outdated", notebooks_of)
