@@ -1,4 +1,4 @@
-"""Writing files so that a reader sees either the whole of one or none of it, whatever kills the writer."""
+"""Atomic file writing: a reader finds the whole file or none, even if the writer is killed."""
 
 import contextlib
 import os
@@ -13,14 +13,14 @@ TEMPORARY_SUFFIX = ".partial"
 
 @contextlib.contextmanager
 def atomic_replacement(path: Path) -> Iterator[Path]:
-    """A hidden neighbour of ``path`` for the body to write; it is renamed into place when the body ends well.
+    """Yields a hidden file next to ``path``, and renames it if the body succeeds; after an error it is removed.
 
     Raises:
-        InputError: ``path`` is there and not a regular file, such as a device, which renaming would replace.
-        OSError: of the file, with ``filename`` set to ``path``; nothing is left behind, whatever the body raises.
+        InputError: ``path`` exists and is no regular file, for example a device.
+        OSError: the file cannot be written, with ``filename`` set to ``path``.
     """
     if path.exists() and not path.is_file():
-        raise InputError(f"{path}: is not a regular file; name a file that may be made or replaced.")
+        raise InputError(f"{path} is not a regular file; give a file that may be created or replaced.")
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{TEMPORARY_SUFFIX}")
     try:
         yield temporary
@@ -43,6 +43,6 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def remove_temporaries(folder: Path) -> None:
-    """Removes what killed writers left in ``folder``."""
+    """Removes the hidden files that killed writers left in ``folder``."""
     for temporary in folder.glob(f".*{TEMPORARY_SUFFIX}"):
         temporary.unlink(missing_ok=True)

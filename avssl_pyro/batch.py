@@ -1,4 +1,4 @@
-"""What a training step reads: clips stacked into tensors, and nothing else."""
+"""Batches of clips as tensors, without labels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from avssl_pyro.clip import Clip
 
 @dataclass(frozen=True)
 class ClipBatch:
-    """Stacked clips. There is no place for labels here, on purpose.
+    """Stacked clips; a batch has no labels, so that training cannot use them.
 
     Args:
         keys: names of the B clips.
-        audio_bmn: float32 in [-1, 1], (B, M, N), 16 kHz.
-        image_bcij: uint8 RGB, (B, 3, 88, 288); a quarter of the traffic of float32, see :meth:`image_float`.
+        audio_bmn: audio, float32 in [-1, 1], (B, M, N), 16 kHz.
+        image_bcij: images, uint8 RGB, (B, 3, 88, 288), a quarter of the memory of :meth:`image_float`.
     """
 
     keys: tuple[str, ...]
@@ -28,7 +28,7 @@ class ClipBatch:
         return len(self.keys)
 
     def image_float(self) -> Tensor:
-        """Images as float32 in [0, 1], (B, 3, 88, 288), on the batch's device."""
+        """Returns the images as float32 in [0, 1], (B, 3, 88, 288), on the batch's device."""
         return self.image_bcij.to(torch.float32) / 255.0
 
     def to(self, device: torch.device | str, non_blocking: bool = False) -> "ClipBatch":
@@ -39,12 +39,12 @@ class ClipBatch:
         )
 
     def pin_memory(self) -> "ClipBatch":
-        """Called by the DataLoader when it feeds an accelerator."""
+        """Copies the batch to page-locked memory; the DataLoader calls this for accelerators."""
         return ClipBatch(self.keys, self.audio_bmn.pin_memory(), self.image_bcij.pin_memory())
 
 
 def collate_clips(clips: Sequence[Clip]) -> ClipBatch:
-    """Stacks clips of one array and length."""
+    """Stacks clips of equal shape into a batch."""
     return ClipBatch(
         keys=tuple(clip.key for clip in clips),
         audio_bmn=torch.from_numpy(np.stack([clip.audio_mn for clip in clips])),

@@ -1,8 +1,8 @@
-"""The one exception type that means "the input is wrong", as opposed to a defect in this package."""
+"""The exception for wrong input, as opposed to a defect in this package."""
 
 
 class InputError(ValueError):
-    """Bad input, told in one sentence: what was wrong, where, and what would be right.
+    """Wrong input; the message is one sentence on what was wrong, where, and what would be right.
 
     Commands print the message and exit with code 2; library users may catch it as a :class:`ValueError`.
 

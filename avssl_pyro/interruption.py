@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a request that is honoured between two steps, when the state is whole."""
+"""Graceful interruption: Ctrl-C and SIGTERM set a flag, which a loop tests between two steps."""
 
 import signal
 import threading
@@ -7,14 +7,14 @@ from typing import Any
 
 
 class GracefulInterrupt:
-    """While active, the first SIGINT or SIGTERM sets ``requested``; a second SIGINT interrupts at once."""
+    """Context in which the first SIGINT or SIGTERM sets ``requested``, and a second one raises KeyboardInterrupt."""
 
     def __init__(self) -> None:
         self.requested = False
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> "GracefulInterrupt":
-        # Signal handlers can be set in the main thread only; elsewhere (a notebook's worker) nothing is caught.
+        # Signal handlers can be set in the main thread only; in others (a notebook's worker) signals keep their effect.
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
                 self._previous[number] = signal.signal(number, self._on_signal)

@@ -169,7 +169,7 @@ class Model:
             rate = SAMPLE_RATE if sample_rate is None else sample_rate
             audio_mn, key = _audio_array(np.asarray(audio), rate, self.array), "clip"
         if image is None:
-            clip = Clip.without_picture(key, audio_mn)
+            clip = Clip.from_audio(key, audio_mn)
         elif isinstance(image, str | Path):
             clip = Clip(key, audio_mn, read_image(Path(image)))
             context["image"] = str(image)

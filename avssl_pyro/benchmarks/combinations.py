@@ -16,7 +16,7 @@ from avssl_pyro.benchmarks.cache import ResultCache
 from avssl_pyro.benchmarks.comparison import LabeledClip, observe_scenes, tune_and_decide
 from avssl_pyro.benchmarks.result_tables import HEADLINE_TOLERANCE_DEG
 from avssl_pyro.criticism.compatibility import Combination, sampled_elbo
-from avssl_pyro.datasets.labeled_scenes import LabeledScenes
+from avssl_pyro.datasets.dataset import LabeledClips
 from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.evaluation.methods import PosteriorMethod
@@ -242,7 +242,7 @@ COLUMNS: tuple[Column[CombinationRow], ...] = (
 def run_combinations(
     recipes: Sequence[Recipe],
     system: System,
-    sets: tuple[LabeledScenes, LabeledScenes],
+    sets: tuple[LabeledClips, LabeledClips],
     sizes: tuple[int, int],
     folder: Path,
     seed: int = 0,

@@ -27,7 +27,7 @@ from avssl_pyro.benchmarks.paper_tables import behind, overall_table, paper_tabl
 from avssl_pyro.benchmarks.published_results import ALL_SPEAK, PAPER_TABLES, SOME_SILENT
 from avssl_pyro.benchmarks.result_tables import HEADLINE_TOLERANCE_DEG, ResultRow
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split
-from avssl_pyro.datasets.labeled_scenes import LabeledScenes
+from avssl_pyro.datasets.dataset import LabeledClips
 from avssl_pyro.evaluation.tables import Table, print_tables, row_dict
 from avssl_pyro.viz.plots import Curve, save_roc
 
@@ -36,7 +36,7 @@ FORMAT = "avssl-tables/1"
 CELL_FORMAT = "avssl-cell/4"
 NOWHERE_BEHIND = "Nowhere: amortized is at the paper's figure and refined ahead of every baseline in every cell run."
 
-ScenesOf = Callable[[str, Split, MicrophoneArray], LabeledScenes]
+ScenesOf = Callable[[str, Split, MicrophoneArray], LabeledClips]
 """Scenes of a condition and a split, read as an array."""
 
 
@@ -187,7 +187,7 @@ def run_paper(suites: Sequence[MethodSuite], scenes_of: ScenesOf, folder: Path) 
     return report
 
 
-def _run(condition: str, suite: MethodSuite, validation: LabeledScenes, test: LabeledScenes) -> ConditionResult:
+def _run(condition: str, suite: MethodSuite, validation: LabeledClips, test: LabeledClips) -> ConditionResult:
     return run_condition(condition, suite.system.config.array, suite.methods(), validation, test)
 
 

@@ -132,7 +132,7 @@ def baselines_of_recording(
         hop_s, window_s: hop and length of the windows, seconds.
     """
     windows = list(recording.audio_windows(hop_s, window_s))
-    clips = [Clip.without_picture(recording.key_at(start_s), audio_mn) for start_s, audio_mn in windows]
+    clips = [Clip.from_audio(recording.key_at(start_s), audio_mn) for start_s, audio_mn in windows]
     middle_b = np.array([start_s + window_s / 2 for start_s, _ in windows])
     nearest_t = [int(np.abs(middle_b - (t + 0.5) * FRAME_S).argmin()) for t in range(len(labelled))]
     estimated: dict[str, list[Azimuths]] = {}

@@ -85,7 +85,7 @@ def _read_clip(recording: LabeledRecording, array: MicrophoneArray) -> Clip:
             f"{recording.path}: is silent throughout, but its labels name somebody who talks; give another recording, "
             "or leave its field azimuth_deg empty."
         )
-    return Clip.without_picture(recording.path.name, audio_mn)
+    return Clip.from_audio(recording.path.name, audio_mn)
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ from avssl_pyro.clip import CLIP_SAMPLES, IMAGE_COLUMNS, IMAGE_ROWS, Clip
 from avssl_pyro.criticism.closed_form import kl_dirichlet, kl_log_normal
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.generation import generate
-from avssl_pyro.datasets.loader import make_loader
-from avssl_pyro.datasets.sampling import WindowShuffleSampler
+from avssl_pyro.datasets.sampling import WindowShuffleSampler, make_loader
 from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.distributions.profiled_gaussian import component_log_likelihood, observe
 from avssl_pyro.evaluation.baselines import default_baselines

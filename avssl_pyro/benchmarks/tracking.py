@@ -140,7 +140,7 @@ class RenderedRecordings:
     def _windows(self, audio_mn: npt.NDArray[np.float32], starts_s: list[float]) -> list[WindowDetections]:
         length = round(self.window_s * SAMPLE_RATE)
         firsts = [round(start_s * SAMPLE_RATE) for start_s in starts_s]
-        clips = [Clip.without_picture(str(first), audio_mn[:, first : first + length]) for first in firsts]
+        clips = [Clip.from_audio(str(first), audio_mn[:, first : first + length]) for first in firsts]
         batches = [clips[first : first + BATCH] for first in range(0, len(clips), BATCH)]
         posteriors = [posterior for batch in batches for posterior in self.localizer.posteriors(batch)]
         grid = self.localizer.config.grid

@@ -10,8 +10,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.benchmarks.combinations import RECIPES, run_combinations
 from avssl_pyro.cli.options import choose_system
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split, default_dataset
-from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.datasets.labeled_scenes import LabeledScenes
+from avssl_pyro.datasets.dataset import LabeledClips, SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.config import MOST_GENERAL
 
@@ -68,9 +67,9 @@ def main(args: Sequence[str] | None = None) -> None:
     print(f"{options.out / 'combinations.md'}: written, and combinations.json beside it.")
 
 
-def _scenes(options: CombinationOptions, split: Split, array: MicrophoneArray) -> LabeledScenes:
+def _scenes(options: CombinationOptions, split: Split, array: MicrophoneArray) -> LabeledClips:
     folders = options.validation_data if split is VALIDATION else options.test_data
     if folders:
-        return LabeledScenes(SceneDataset(folders, array))
+        return LabeledClips(SceneDataset(folders, array))
     num_scenes = options.validation_scenes if split is VALIDATION else options.test_scenes
-    return LabeledScenes(default_dataset(options.cache, split, "some-silent", num_scenes, array))
+    return LabeledClips(default_dataset(options.cache, split, "some-silent", num_scenes, array))

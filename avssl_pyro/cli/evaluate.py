@@ -14,8 +14,7 @@ from avssl_pyro.benchmarks.paper import run_paper
 from avssl_pyro.benchmarks.result_tables import print_report, write_report
 from avssl_pyro.cli.options import choose_system
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split, default_dataset
-from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.datasets.labeled_scenes import LabeledScenes
+from avssl_pyro.datasets.dataset import LabeledClips, SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ
 from avssl_pyro.guides.refinement_config import RefinementConfig
@@ -161,7 +160,7 @@ def _suites(options: EvaluateOptions) -> list[MethodSuite]:
     ]
 
 
-def labeled_scenes(options: EvaluateOptions, condition: str, split: Split, array: MicrophoneArray) -> LabeledScenes:
+def labeled_scenes(options: EvaluateOptions, condition: str, split: Split, array: MicrophoneArray) -> LabeledClips:
     """Scenes of the given folders, or the default ones of the condition and split."""
     folders = options.validation_data if split is VALIDATION else options.test_data
     if options.sets is not None:
@@ -169,6 +168,6 @@ def labeled_scenes(options: EvaluateOptions, condition: str, split: Split, array
             raise InputError(f"{options.sets}: no such folder; --sets wants one with '{condition}-{split.name}' in it.")
         folders = (options.sets / f"{condition}-{split.name}",)
     if folders:
-        return LabeledScenes(SceneDataset(folders, array))
+        return LabeledClips(SceneDataset(folders, array))
     num_scenes = options.validation_scenes if split is VALIDATION else options.test_scenes
-    return LabeledScenes(default_dataset(options.cache, split, condition, num_scenes, array))
+    return LabeledClips(default_dataset(options.cache, split, condition, num_scenes, array))

@@ -17,7 +17,7 @@ from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.encoding import LabeledScene
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD, generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
-from avssl_pyro.datasets.verification import verify
+from avssl_pyro.datasets.shards import verify_dataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.png import write_png
 from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
@@ -86,7 +86,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _verify(folder: Path) -> int:
-    problems = verify(folder, progress=True)
+    problems = verify_dataset(folder, progress=True)
     for problem in problems:
         print(problem)
     if not problems:

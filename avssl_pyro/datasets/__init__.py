@@ -1,1 +1,1 @@
-"""Clips on disk: shards, their readers and the order of training."""
+"""Data sets of clips on disk: shards, their readers, and the order of training."""

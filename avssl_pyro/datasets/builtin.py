@@ -1,12 +1,12 @@
-"""The data sets that commands fall back on: scenes made in code, rendered once and kept in a cache folder."""
+"""Default data sets of commands: simulated scenes, rendered once into a cache folder."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.compatibility import matching_channels
-from avssl_pyro.datasets.cache import ensure_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.generation import GenerationPlan, generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
@@ -15,11 +15,11 @@ from avssl_pyro.simulation.scenes import SceneSimulator
 
 @dataclass(frozen=True)
 class Split:
-    """A part of the data with scenes of its own.
+    """A part of the data; no two splits have a scene in common.
 
     Args:
-        name: appears in the folder's name.
-        seed: of the scenes; every split has another, and one that nobody types at simulate.py by chance.
+        name: part of the folder's name.
+        seed: seed of the scenes, different for every split and unlikely to be chosen by a user.
     """
 
     name: str
@@ -32,9 +32,9 @@ TRAIN, VALIDATION, TEST = Split("train", 20201001), Split("validation", 20201002
 def default_dataset(
     cache: Path, split: Split, condition: str, num_scenes: int, array: MicrophoneArray, progress: bool = True
 ) -> SceneDataset:
-    """Makes or reopens the embedded scenes of a split, read as ``array``.
+    """Opens the default scenes of a split as ``array``, and renders missing ones.
 
-    The union of the paper's circles is rendered whenever ``array`` is part of it, so that its sub-arrays share files.
+    If ``array`` is part of the union of the paper's circles, the union is rendered, so that its sub-arrays share files.
     """
     simulator = SceneSimulator(replace(SceneConfig(), condition=CONDITIONS[condition]), seed=split.seed)
     name = f"{condition}-{split.name}-{num_scenes}"
@@ -44,3 +44,17 @@ def default_dataset(
         simulator = replace(simulator, array=array)
         name = f"{name}-{array.name}"
     return ensure_dataset(plan_scenes(cache / name, simulator, num_scenes), workers=-1, array=array, progress=progress)
+
+
+def ensure_dataset(
+    plan: GenerationPlan, workers: int | None = None, array: MicrophoneArray | None = None, progress: bool = True
+) -> SceneDataset:
+    """Opens the dataset of ``plan`` as ``array``, after rendering what is missing.
+
+    If several processes call this at once, one renders and the others wait.
+
+    Raises:
+        InputError, OSError: see :func:`generate` and :class:`SceneDataset`.
+    """
+    generate(plan, workers, progress)
+    return SceneDataset(plan.folder, array)

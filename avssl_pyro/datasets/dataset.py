@@ -1,7 +1,7 @@
-"""Scenes of one or more folders as one map-style dataset of clips, read as any array that the rendered one contains."""
+"""Map-style dataset of the clips of one or more folders, for the rendered array or a sub-array of it."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -27,18 +27,18 @@ from avssl_pyro.errors import InputError
 
 
 class SceneDataset(Dataset[Clip]):
-    """Clips by index; labels and metadata only on request, so that none can slip into training.
+    """Clips by index; labels and metadata have methods of their own, so that training cannot use them by mistake.
 
-    Shard sizes are checked at once, the checksum of a shard before its first scene is read, in each process. May be
-    pickled and forked at any time.
+    Sizes of shards are checked at once; the checksum of a shard is checked before its first scene is read, in each
+    process. The dataset may be pickled and forked at any time.
 
     Args:
-        folders: one folder of shards or several, read one after the other.
-        array: read the audio as this array; by default as the (first folder's) rendered one.
-        channels: instead of ``array``, channels of the (first folder's) rendered array, counted from 0.
+        folders: one or more folders of shards, concatenated.
+        array: array of the returned audio; by default the rendered array of the first folder.
+        channels: instead of ``array``, channels of the first folder's rendered array, counted from 0.
 
     Raises:
-        InputError: a folder is no finished dataset, or its array lacks a microphone that is asked for.
+        InputError: a folder is no finished dataset, or its array lacks a microphone of ``array``.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class SceneDataset(Dataset[Clip]):
     ) -> None:
         folders = [folders] if isinstance(folders, Path) else list(folders)
         if not folders:
-            raise InputError("no folder of scenes was given; name at least one.")
+            raise InputError("no folder of scenes was given; give at least one.")
         self._readers = [ShardReader(folder) for folder in folders]
         rendered = self._readers[0].manifest.spec.array
         if channels is not None:
@@ -68,17 +68,17 @@ class SceneDataset(Dataset[Clip]):
 
     @property
     def array(self) -> MicrophoneArray:
-        """The microphones of the clips' channels, in order."""
+        """Array whose microphones are the channels of the clips, in order."""
         return self._array
 
     @property
     def shard_sizes(self) -> tuple[int, ...]:
-        """Scenes per shard, over all folders; indices of the dataset run through the shards in this order."""
+        """Scenes per shard over all folders, in the order of the dataset's indices."""
         return tuple(shard.num_scenes for reader in self._readers for shard in reader.manifest.shards)
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of the folders' manifests, in hexadecimal: equal for equal scenes, wherever they lie."""
+        """Hexadecimal SHA-256 of the folders' manifests, equal for equal scenes in any folder."""
         manifests = [reader.manifest.to_dict() for reader in self._readers]
         return hashlib.sha256(to_json(manifests)).hexdigest()
 
@@ -86,11 +86,11 @@ class SceneDataset(Dataset[Clip]):
         return self._ends[-1]
 
     def __getitem__(self, index: int) -> Clip:
-        """Reads a clip, never its labels.
+        """Reads one clip, without labels.
 
         Raises:
-            IndexError: beyond the dataset.
-            InputError: the shard is damaged; the message names it.
+            IndexError: the index is out of range.
+            InputError: the shard is damaged.
         """
         number, shard, position = self._locate(index)
         reader, channels = self._readers[number], self._channels[number]
@@ -100,12 +100,12 @@ class SceneDataset(Dataset[Clip]):
         extension = AUDIO_EXTENSIONS[rendered > FLAC_MAX_CHANNELS]
         audio_mn = decode_audio(reader.read(shard, position, extension), where)
         if len(audio_mn) != rendered:
-            raise InputError(f"{where}: its audio has {len(audio_mn)} channels, its manifest's array {rendered}.")
+            raise InputError(f"{where}: the audio has {len(audio_mn)} channels; the manifest's array has {rendered}.")
         image_ijc = decode_image(reader.read(shard, position, IMAGE_EXTENSION), where)
         return Clip(key, np.ascontiguousarray(audio_mn[list(channels)]), image_ijc)
 
     def labels(self, index: int) -> SceneLabels:
-        """The truth about a scene, radians; for evaluation only.
+        """Reads the true azimuths of a scene, radians, for evaluation only.
 
         Raises:
             InputError: the scene has no labels, or its shard is damaged.
@@ -114,11 +114,11 @@ class SceneDataset(Dataset[Clip]):
         if labels is None:
             number, shard, position = self._locate(index)
             where = self._readers[number].where(shard, position)
-            raise InputError(f"{where} has no labels, as recordings have none; evaluate on labelled scenes.")
+            raise InputError(f"{where} has no labels, as it comes from a recording; evaluate on labelled scenes.")
         return labels
 
     def metadata(self, index: int) -> dict[str, Any]:
-        """What was noted about a scene when it was made; degrees, metres, seconds."""
+        """Reads the metadata stored with a scene, in degrees, metres and seconds."""
         return self._metadata(index)[1]
 
     def _metadata(self, index: int) -> tuple[SceneLabels | None, dict[str, Any]]:
@@ -135,6 +135,30 @@ class SceneDataset(Dataset[Clip]):
         number, shard = self._shards[place]
         first = self._ends[place - 1] if place else 0
         return number, shard, index - first
+
+
+class LabeledClips(Sequence[tuple[Clip, SceneLabels]]):
+    """Pairs of clip and labels of a dataset, read on access."""
+
+    def __init__(self, dataset: SceneDataset) -> None:
+        self._dataset = dataset
+
+    @property
+    def fingerprint(self) -> str:
+        """Fingerprint of the dataset, see :attr:`SceneDataset.fingerprint`."""
+        return self._dataset.fingerprint
+
+    def __len__(self) -> int:
+        return len(self._dataset)
+
+    def __getitem__(self, index: Any) -> Any:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        return self._dataset[index], self._dataset.labels(index)
+
+    def __iter__(self) -> Iterator[tuple[Clip, SceneLabels]]:
+        for index in range(len(self)):
+            yield self._dataset[index], self._dataset.labels(index)
 
 
 def _selected(

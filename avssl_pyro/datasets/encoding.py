@@ -1,7 +1,7 @@
-"""Scenes as files: audio as FLAC or WAV, the image as JPEG, labels and metadata as JSON in degrees.
+"""File formats of a scene: audio as FLAC or WAV, image as JPEG, labels and metadata as JSON in degrees.
 
-16-bit FLAC has the size of 24-bit FLAC times 0.6 and its quantization noise lies some 40 dB under the noise of a scene.
-JPEG at quality 95 without chroma subsampling takes a third of the space and half the decoding time of PNG.
+16-bit FLAC has 0.6 times the size of 24-bit FLAC; its quantization noise is about 40 dB below the noise of a scene.
+JPEG at quality 95 without chroma subsampling has a third of the size and half the decoding time of PNG.
 """
 
 import io
@@ -36,12 +36,12 @@ _JPEG_SETTINGS = (
 _KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
-# Quieter clips are stored with 24 bits, so that rounding stays far below their own noise.
+# Clips below this level are stored with 24 bits, so that rounding stays far below their noise.
 _QUIET_RMS = 3e-3
 
 
 class Scene(Protocol):
-    """A clip, its labels where it has any, and further metadata about it (plain JSON values; degrees, metres)."""
+    """A clip to be stored, its labels or None, and metadata (plain JSON values; degrees, metres)."""
 
     @property
     def clip(self) -> Clip: ...
@@ -59,14 +59,14 @@ class LabeledScene(Scene, Protocol):
 
 
 def encode_scene(scene: Scene) -> dict[str, bytes]:
-    """The files of a scene by extension, in the order in which they are stored.
+    """Encodes a scene as file contents by extension, in stored order.
 
     Raises:
-        InputError: the key is no plain file name, or the clip holds non-finite audio or an image of another shape.
+        InputError: the key is no plain file name, the audio is not finite, or the image has another shape.
     """
     key = scene.clip.key
     if not _KEY.fullmatch(key):
-        raise InputError(f"scene '{key}': a key may hold letters, digits, '-' and '_' only, for it names files.")
+        raise InputError(f"scene '{key}': the key is a file name and may contain only letters, digits, '-' and '_'.")
     return (
         _encode_audio(scene.clip.audio_mn, where=f"scene '{key}'")
         | {IMAGE_EXTENSION: _encode_image(scene.clip.image_ijc, where=f"scene '{key}'")}
@@ -76,8 +76,8 @@ def encode_scene(scene: Scene) -> dict[str, bytes]:
 
 def _encode_audio(audio_mn: npt.NDArray[np.float32], where: str) -> dict[str, bytes]:
     if audio_mn.ndim != 2 or not np.isfinite(audio_mn).all():
-        raise InputError(f"{where}: its audio must be (microphones, samples) of finite numbers.")
-    # Each channel's mean apart: converters have an offset.
+        raise InputError(f"{where}: the audio must have shape (microphones, samples) and finite values.")
+    # The variance leaves out the offset of the converters.
     quiet = float(audio_mn.var(axis=1, dtype=np.float64).mean()) < _QUIET_RMS**2
     scale, subtype = (_FULL_SCALE * 256.0, "PCM_24") if quiet else (_FULL_SCALE, "PCM_16")
     # Rounded here: libsndfile scales floats by 32767 on the way in and by 32768 on the way out.
@@ -93,37 +93,39 @@ def _encode_audio(audio_mn: npt.NDArray[np.float32], where: str) -> dict[str, by
 
 
 def decode_audio(content: bytes, where: str) -> npt.NDArray[np.float32]:
-    """Audio of a stored scene, (M, N), float32 in [-1, 1].
+    """Decodes the audio of a stored scene, (M, N), float32 in [-1, 1].
 
     Raises:
-        InputError: it cannot be decoded or has another sample rate than 16 kHz.
+        InputError: the audio cannot be decoded or is not sampled at 16 kHz.
     """
     try:
         audio_nm, sample_rate = soundfile.read(io.BytesIO(content), dtype="float32", always_2d=True)
     except soundfile.SoundFileError as error:
-        raise InputError(f"{where}: its audio cannot be decoded ({error}).") from error
+        raise InputError(f"{where}: the audio cannot be decoded ({error}); make the scenes again.") from error
     if sample_rate != SAMPLE_RATE:
-        raise InputError(f"{where}: its audio has {sample_rate} Hz; scenes are stored at {SAMPLE_RATE} Hz.")
+        raise InputError(f"{where}: the audio has {sample_rate} Hz; scenes are stored at {SAMPLE_RATE} Hz.")
     return audio_nm.T
 
 
 def _encode_image(image_ijc: npt.NDArray[np.uint8], where: str) -> bytes:
     if image_ijc.shape != (IMAGE_ROWS, IMAGE_COLUMNS, 3) or image_ijc.dtype != np.uint8:
-        raise InputError(f"{where}: its image is {image_ijc.shape}, not uint8 ({IMAGE_ROWS}, {IMAGE_COLUMNS}, 3).")
+        raise InputError(
+            f"{where}: the image has shape {image_ijc.shape}; give uint8 ({IMAGE_ROWS}, {IMAGE_COLUMNS}, 3)."
+        )
     _, encoded = cv2.imencode(f".{IMAGE_EXTENSION}", cv2.cvtColor(image_ijc, cv2.COLOR_RGB2BGR), _JPEG_SETTINGS)
     return encoded.tobytes()
 
 
 def decode_image(content: bytes, where: str) -> npt.NDArray[np.uint8]:
-    """Image of a stored scene, uint8 RGB, (88, 288, 3).
+    """Decodes the image of a stored scene, uint8 RGB, (88, 288, 3).
 
     Raises:
-        InputError: it cannot be decoded or has another size.
+        InputError: the image cannot be decoded or has another size.
     """
     decoded = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR) if content else None
     if decoded is None or decoded.shape != (IMAGE_ROWS, IMAGE_COLUMNS, 3):
         found = "cannot be decoded" if decoded is None else f"has {decoded.shape[0]} x {decoded.shape[1]} pixels"
-        raise InputError(f"{where}: its image {found}; scenes hold JPEGs of {IMAGE_ROWS} x {IMAGE_COLUMNS}.")
+        raise InputError(f"{where}: the image {found}; scenes have JPEGs of {IMAGE_ROWS} x {IMAGE_COLUMNS}.")
     return cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB)  # type: ignore[return-value]
 
 
@@ -143,10 +145,10 @@ def _degrees(azimuths: tuple[float, ...]) -> list[float]:
 
 
 def decode_metadata(content: bytes, where: str) -> tuple[SceneLabels | None, dict[str, Any]]:
-    """Labels (radians; None where it has none) and metadata of a stored scene.
+    """Decodes labels (radians, or None) and metadata of a stored scene.
 
     Raises:
-        InputError: they are not what :func:`encode_scene` writes.
+        InputError: the content does not have the format of :func:`encode_scene`.
     """
     try:
         data = json.loads(content)
@@ -158,4 +160,4 @@ def decode_metadata(content: bytes, where: str) -> tuple[SceneLabels | None, dic
         )
         return labels, dict(data["facts"])
     except (ValueError, TypeError, KeyError) as error:
-        raise InputError(f"{where}: its JSON is damaged ({type(error).__name__}: {error}).") from error
+        raise InputError(f"{where}: the JSON is damaged ({type(error).__name__}: {error}).") from error

@@ -1,11 +1,11 @@
-"""Making a dataset in parallel, so that it survives being killed anywhere and is the same bytes whoever made it.
+"""Parallel, resumable generation of data sets, with the same bytes on every machine.
 
-While it is made, a folder holds ``generation.json`` (what is being made) and one ``scenes-*.tar.done.json`` per
-finished shard, written just before the shard gets its name: a shard whose note and size agree is finished and never
-rendered again. The last act gathers the notes in ``manifest.json``.
+During generation a folder contains ``generation.json`` with the settings, and ``scenes-*.tar.done.json`` with the
+record of each finished shard. A record is written just before its shard is renamed into place. A shard that agrees
+with its record in size is finished and never rendered again. In the end all records are gathered in ``manifest.json``.
 
-Each shard is one joblib task, which writes its file itself: on a cluster the folder must be one that all workers and
-this process see under the same path. Select a cluster by ``joblib.parallel_config(backend="dask")`` (or ``"ray"``).
+Each shard is one joblib task, which writes its own file. On a cluster all workers and this process need the folder
+under the same path. Select a cluster by ``joblib.parallel_config(backend="dask")`` (or ``"ray"``).
 """
 
 import functools
@@ -42,29 +42,29 @@ GENERATION_NAME = "generation.json"
 DONE_SUFFIX = ".done.json"
 SCENES_PER_SHARD = 100
 
-# In a worker that joblib started here: the process that generates.
+# In a worker started by joblib on this machine: the generating process.
 _PARENT = os.getppid()
 
 
 class Simulator(Protocol):
-    """Renders scene number ``index``: picklable, and a function of itself and the index alone."""
+    """Renders scene number ``index``; picklable, and a pure function of its fields and the index."""
 
     def render(self, index: int) -> Scene: ...
 
 
 @dataclass(frozen=True)
 class GenerationPlan:
-    """A dataset to be made.
+    """Description of a dataset to generate.
 
     Args:
-        folder: where; made if it does not exist.
-        simulator: renders the scenes.
-        configuration: all settings behind ``simulator``, as plain JSON values; compared when work is resumed.
-        seed: of the simulator.
-        array: the microphones that ``simulator`` renders.
-        num_scenes: how many scenes, indices 0 to ``num_scenes`` - 1.
-        scenes_per_shard: scenes in one tar file and one parallel task.
-        action: what the progress bar says is being done.
+        folder: folder of the shards, created if missing.
+        simulator: simulator of the scenes.
+        configuration: all settings of ``simulator`` as plain JSON values, compared when work is resumed.
+        seed: seed of the simulator.
+        array: microphones that ``simulator`` renders.
+        num_scenes: number of scenes, with indices 0 to ``num_scenes`` - 1.
+        scenes_per_shard: number of scenes in one tar file and one parallel task.
+        action: verb on the progress bar.
     """
 
     folder: Path
@@ -82,18 +82,18 @@ class GenerationPlan:
 
 
 def generate(plan: GenerationPlan, workers: int | None = None, progress: bool = True) -> Manifest:
-    """Makes the shards of ``plan`` that its folder does not hold yet.
+    """Generates the missing shards of ``plan`` and returns the manifest.
 
     Args:
-        plan: what to make.
-        workers: processes (joblib's ``n_jobs``, so -1 is one per core); None leaves it to the surrounding
+        plan: description of the dataset.
+        workers: number of processes (joblib's ``n_jobs``, so -1 is one per core); None takes it from the surrounding
             ``joblib.parallel_config``.
-        progress: show a bar in scenes.
+        progress: True shows a progress bar.
 
     Raises:
-        InputError: the folder holds other scenes (the first differing setting is named) or foreign shards, or a shard
-            made again differs from the one the manifest tells of.
-        OSError: no space, no permission; finished shards stay, nothing half-written does.
+        InputError: the folder has other scenes (the message names the first differing setting) or foreign shards, or a
+            shard made again differs from its record in the manifest.
+        OSError: a file cannot be written. Finished shards stay, unfinished files are removed.
     """
     spec = plan.spec
     plan.folder.mkdir(parents=True, exist_ok=True)
@@ -121,7 +121,7 @@ def generate(plan: GenerationPlan, workers: int | None = None, progress: bool = 
 
 
 def _claim(plan: GenerationPlan) -> dict[int, ShardRecord]:
-    """Makes sure the folder is this plan's, and returns the shards that it says were finished, by number."""
+    """Checks that the folder belongs to this plan, and returns the records of its finished shards by number."""
     wanted = plan.spec.to_dict()
     for name in (MANIFEST_NAME, GENERATION_NAME):
         path = plan.folder / name
@@ -132,14 +132,14 @@ def _claim(plan: GenerationPlan) -> dict[int, ShardRecord]:
             if difference is not None:
                 field, old, new = difference
                 raise InputError(
-                    f"{plan.folder} holds scenes made with {field} = {old!r}, not {new!r}; "
+                    f"{plan.folder} has scenes made with {field} = {old!r}, not {new!r}; "
                     "use the same settings or another folder."
                 )
             if name == MANIFEST_NAME:
                 return dict(enumerate(Manifest.load(plan.folder).shards))
             return _read_notes(plan)
     if any(plan.folder.glob("scenes-*.tar")):
-        raise InputError(f"{plan.folder} holds shards but no {MANIFEST_NAME}; use an empty folder.")
+        raise InputError(f"{plan.folder} has shards but no {MANIFEST_NAME}; use an empty folder.")
     write_atomically(plan.folder / GENERATION_NAME, to_json(wanted))
     return {}
 
@@ -163,8 +163,8 @@ def _check_made(folder: Path, made: ShardRecord, recorded: ShardRecord | None) -
     if recorded is not None and recorded != made:
         (folder / made.name).unlink(missing_ok=True)
         raise InputError(
-            f"shard {folder / made.name} came out different from what was recorded before; the material or the program "
-            "has changed, so make the scenes anew in another folder."
+            f"shard {folder / made.name} differs from its record; the assets or the program have changed, "
+            "so make the scenes again in another folder."
         )
     problem = shard_problem(folder, made, contents=False)
     if problem is not None:
@@ -175,7 +175,7 @@ def _make(
     plan: GenerationPlan, missing: list[int], workers: int | None, progress: bool
 ) -> Iterator[tuple[int, ShardRecord]]:
     pickled = pickle.dumps(plan.simulator)
-    # joblib keeps its processes, and they keep the working directory they were started in.
+    # joblib reuses its processes, whose working directory may be an earlier one.
     folder = plan.folder.resolve()
     tasks = (
         joblib.delayed(_make_shard)(folder, number, plan.spec.scenes_of(number), pickled, os.getpid())
@@ -214,7 +214,7 @@ def _make_shard(folder: Path, number: int, scenes: range, pickled: bytes, driver
 
 
 def _unless_orphaned(scene: Scene, driver: int) -> Scene:
-    # joblib's processes outlive a killed parent by all tasks that were queued, and would compete with its successor.
+    # joblib's processes finish all queued tasks after their parent is killed, and would compete with its successor.
     if driver == _PARENT != os.getppid():
         os._exit(1)
     return scene
@@ -222,5 +222,5 @@ def _unless_orphaned(scene: Scene, driver: int) -> Scene:
 
 @functools.lru_cache(maxsize=1)
 def _simulator(pickled: bytes) -> Simulator:
-    """Kept from task to task, so that a worker loads its material once."""
+    """Unpickles a simulator; a worker reuses it from task to task and loads its assets once."""
     return pickle.loads(pickled)

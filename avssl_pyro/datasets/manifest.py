@@ -1,4 +1,4 @@
-"""What a folder of shards says about itself: the settings it was made with and a checksum of every shard."""
+"""Manifest of a folder of shards: the settings of the dataset and a checksum of every shard."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -18,20 +18,20 @@ def shard_name(number: int) -> str:
 
 
 def to_json(data: object) -> bytes:
-    """Readable UTF-8 JSON with a newline at the end; NaN and infinity are refused, for JSON has neither."""
+    """Encodes data as indented UTF-8 JSON with a final newline; NaN and infinity raise ValueError."""
     return (json.dumps(data, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode()
 
 
 @dataclass(frozen=True)
 class DatasetSpec:
-    """Everything that decides the bytes of a dataset.
+    """All settings that determine the bytes of a dataset.
 
     Args:
         configuration: settings of the simulator, as plain JSON values.
-        seed: of the simulator.
-        array: the microphones that were rendered.
-        num_scenes: in all shards together.
-        scenes_per_shard: the last shard may hold fewer.
+        seed: seed of the simulator.
+        array: rendered microphones.
+        num_scenes: number of scenes in all shards.
+        scenes_per_shard: number of scenes in every shard but the last.
 
     Raises:
         InputError: ``num_scenes`` or ``scenes_per_shard`` is not positive.
@@ -53,7 +53,7 @@ class DatasetSpec:
         return -(-self.num_scenes // self.scenes_per_shard)
 
     def scenes_of(self, shard: int) -> range:
-        """Indices of the scenes in a shard."""
+        """Returns the indices of the scenes in a shard."""
         first = shard * self.scenes_per_shard
         return range(first, min(first + self.scenes_per_shard, self.num_scenes))
 
@@ -66,7 +66,7 @@ class DatasetSpec:
             "num_scenes": self.num_scenes,
             "scenes_per_shard": self.scenes_per_shard,
         }
-        # Through JSON and back, so that tuples compare equal to the lists a file gives.
+        # A round trip through JSON turns tuples into lists, which compare equal to those of a file.
         return json.loads(to_json(header))
 
     @classmethod
@@ -74,7 +74,7 @@ class DatasetSpec:
         """Raises InputError, naming ``where``, when ``data`` is not what :meth:`to_dict` writes."""
         if not isinstance(data, dict) or data.get("format") != FORMAT:
             found = data.get("format") if isinstance(data, dict) else type(data).__name__
-            raise InputError(f"{where}: its format is {found!r}; this version reads '{FORMAT}'.")
+            raise InputError(f"{where}: the format is {found!r}; this version reads '{FORMAT}'.")
         try:
             return cls(
                 configuration=dict(data["configuration"]),
@@ -89,7 +89,7 @@ class DatasetSpec:
 
 @dataclass(frozen=True)
 class ShardRecord:
-    """A finished shard: its file name, how many scenes and bytes it holds, and their SHA-256 in hexadecimal."""
+    """Record of a finished shard: file name, numbers of scenes and bytes, and hexadecimal SHA-256."""
 
     name: str
     num_scenes: int
@@ -105,15 +105,19 @@ class ShardRecord:
         try:
             record = cls(str(data["name"]), int(data["num_scenes"]), int(data["num_bytes"]), str(data["sha256"]))
         except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"{where}: a damaged shard entry ({type(error).__name__}: {error}).") from error
+            raise InputError(
+                f"{where}: a shard entry is damaged ({type(error).__name__}: {error}); make the scenes again."
+            ) from error
         if Path(record.name).name != record.name:
-            raise InputError(f"{where}: shard '{record.name}' lies outside the folder.")
+            raise InputError(
+                f"{where}: shard '{record.name}' is outside the folder; a shard's name must be a plain file name."
+            )
         return record
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """The specification of a finished dataset and its shards, in order."""
+    """Settings of a finished dataset and the records of its shards, in order."""
 
     spec: DatasetSpec
     shards: tuple[ShardRecord, ...]
@@ -129,7 +133,7 @@ class Manifest:
         """Reads the manifest of a folder.
 
         Raises:
-            InputError: there is none, it cannot be read, or its shards do not add up to its scenes.
+            InputError: the manifest is missing or damaged, or its shards do not add up to its scenes.
         """
         path = folder / MANIFEST_NAME
         if not path.is_file():
@@ -146,22 +150,22 @@ class Manifest:
         expected = [(shard_name(number), len(spec.scenes_of(number))) for number in range(spec.num_shards)]
         if [(shard.name, shard.num_scenes) for shard in manifest.shards] != expected:
             raise InputError(
-                f"{path}: its shards do not add up to {spec.num_scenes} scenes in {spec.num_shards} shards; "
+                f"{path}: the shards do not add up to {spec.num_scenes} scenes in {spec.num_shards} shards; "
                 "it was altered, make the scenes again."
             )
         return manifest
 
 
 def read_json(path: Path) -> Any:
-    """Raises InputError when the file is not UTF-8 JSON."""
+    """Reads UTF-8 JSON; raises InputError for a file of another format."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        raise InputError(f"{path}: not valid JSON ({error}).") from error
+        raise InputError(f"{path}: not valid JSON ({error}); make the scenes again.") from error
 
 
 def first_difference(stored: Any, wanted: Any, field: str = "") -> tuple[str, Any, Any] | None:
-    """The first field, as a dotted path, in which two JSON values differ, with both values (None where absent)."""
+    """Returns the dotted path and the values (None if absent) of the first difference of two JSON values."""
     if isinstance(stored, dict) and isinstance(wanted, dict):
         for key in [*stored, *(key for key in wanted if key not in stored)]:
             path = f"{field}.{key}" if field else str(key)

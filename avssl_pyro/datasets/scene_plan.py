@@ -1,4 +1,4 @@
-"""From a scene simulator to a plan for a dataset, with settings that tell whether two datasets would be the same."""
+"""Generation plan of a scene simulator, with settings that are equal for equal data sets."""
 
 import hashlib
 from dataclasses import asdict
@@ -17,14 +17,14 @@ def plan_scenes(
 ) -> GenerationPlan:
     """Plans the first ``num_scenes`` scenes of ``simulator``.
 
-    Material is identified by the names and sizes of its files, so the same folder may lie in another place.
+    Assets are identified by the names and sizes of their files, so that their folder may be moved.
     """
     configuration = {
         "scene": asdict(simulator.config),
         "material": {
-            "speech": material_identity(simulator.speech),
-            "people": material_identity(simulator.people),
-            "panoramas": material_identity(simulator.panoramas),
+            "speech": asset_identity(simulator.speech),
+            "people": asset_identity(simulator.people),
+            "panoramas": asset_identity(simulator.panoramas),
         },
     }
     return GenerationPlan(
@@ -32,8 +32,8 @@ def plan_scenes(
     )
 
 
-def material_identity(source: SpeechSource | PersonSource | PanoramaSource) -> dict[str, Any]:
-    """What the manifest says of a source: its name, or the number of its files and a digest of names and sizes."""
+def asset_identity(source: SpeechSource | PersonSource | PanoramaSource) -> dict[str, Any]:
+    """Returns the manifest's entry for a source: its name, or number of files and digest of names and sizes."""
     paths: tuple[Path, ...] | None = getattr(source, "paths", None)
     folder: Path | None = getattr(source, "folder", None)
     if paths is None or folder is None:

@@ -1,4 +1,4 @@
-"""Random access to the files inside the shards of one folder; every shard is checked before its first byte is used."""
+"""Random access to the scenes of a folder of shards, with a checksum test of each shard before its first use."""
 
 import os
 from collections import OrderedDict
@@ -13,15 +13,15 @@ _MAX_OPEN_SHARDS = 64
 
 
 class ShardReader:
-    """Reads scenes by shard and position.
+    """Reads the files of scenes by shard and position.
 
-    Files are opened, checksummed and indexed lazily in each process, so a reader can be pickled or forked at any time.
+    Each process opens, checks and indexes shards on first use, so a reader can be pickled or forked at any time.
 
     Args:
-        folder: of the shards.
+        folder: folder of the shards.
 
     Raises:
-        InputError: there is no valid manifest, or a shard is missing or has another size.
+        InputError: the manifest is missing or damaged, or a shard is missing or has another size.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -31,9 +31,9 @@ class ShardReader:
             problem = shard_problem(folder, shard, contents=False)
             if problem is not None:
                 raise InputError(problem)
-        self._forget()
+        self._reset()
 
-    def _forget(self) -> None:
+    def _reset(self) -> None:
         self._entries: dict[int, tuple[SceneEntry, ...]] = {}
         self._checked: dict[int, tuple[int, int]] = {}
         self._descriptors: OrderedDict[int, int] = OrderedDict()
@@ -43,19 +43,19 @@ class ShardReader:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._forget()
+        self._reset()
 
     def __del__(self) -> None:
         for descriptor in getattr(self, "_descriptors", {}).values():
             os.close(descriptor)
 
     def entry(self, shard: int, position: int) -> SceneEntry:
-        """Raises InputError, naming the shard, when it is damaged."""
+        """Returns the entry of a scene; raises InputError if the shard is damaged."""
         self._open(shard)
         return self._entries[shard][position]
 
     def read(self, shard: int, position: int, extension: str) -> bytes:
-        """Contents of one file of a scene.
+        """Reads one file of a scene.
 
         Raises:
             InputError: the shard is damaged or the scene has no such file.
@@ -63,12 +63,12 @@ class ShardReader:
         descriptor = self._open(shard)
         entry = self._entries[shard][position]
         if extension not in entry.files:
-            raise InputError(f"{self.where(shard, position)} has no .{extension} file.")
+            raise InputError(f"{self.where(shard, position)} has no .{extension} file; make the scenes again.")
         offset, size = entry.files[extension]
         return os.pread(descriptor, size, offset)
 
     def where(self, shard: int, position: int) -> str:
-        """The scene's place, for messages."""
+        """Names a scene and its shard, for messages."""
         name = self.manifest.shards[shard].name
         return f"scene '{self._entries[shard][position].key}' of shard {self.folder / name}"
 
@@ -91,7 +91,9 @@ class ShardReader:
             self._checked[shard] = (status.st_size, status.st_mtime_ns)
             descriptor = os.open(path, os.O_RDONLY)
         except OSError as error:
-            raise InputError(f"shard {path} cannot be read ({error.strerror}).") from error
+            raise InputError(
+                f"shard {path} cannot be read ({error.strerror}); check that it exists and may be read."
+            ) from error
         self._descriptors[shard] = descriptor
         if len(self._descriptors) > _MAX_OPEN_SHARDS:
             os.close(self._descriptors.popitem(last=False)[1])

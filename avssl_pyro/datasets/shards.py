@@ -1,4 +1,4 @@
-"""Shards: tar archives in the WebDataset convention, KEY.flac KEY.jpg KEY.json per scene, equal to the last byte."""
+"""Shards: reproducible tar archives with KEY.flac, KEY.jpg and KEY.json per scene (WebDataset convention)."""
 
 import hashlib
 import io
@@ -7,15 +7,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from tqdm import tqdm
+
 from avssl_pyro.datasets.encoding import Scene, encode_scene
-from avssl_pyro.datasets.manifest import ShardRecord
+from avssl_pyro.datasets.manifest import Manifest, ShardRecord
 from avssl_pyro.errors import InputError
 
 _BLOCK_BYTES = 1 << 20
 
 
 def build_shard(scenes: Iterable[Scene]) -> bytes:
-    """The tar archive of some scenes; the same scenes give the same bytes on any machine at any time.
+    """Builds the tar archive of scenes; equal scenes give equal bytes on every machine.
 
     Raises:
         InputError: see :func:`encode_scene`.
@@ -24,7 +26,7 @@ def build_shard(scenes: Iterable[Scene]) -> bytes:
     with tarfile.open(fileobj=stream, mode="w", format=tarfile.USTAR_FORMAT) as archive:
         for scene in scenes:
             for extension, content in encode_scene(scene).items():
-                # A fresh TarInfo has time, owner and group 0 and mode 644.
+                # A new TarInfo has time, owner and group 0 and mode 644.
                 header = tarfile.TarInfo(f"{scene.clip.key}.{extension}")
                 header.size = len(content)
                 archive.addfile(header, io.BytesIO(content))
@@ -32,7 +34,7 @@ def build_shard(scenes: Iterable[Scene]) -> bytes:
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
+    """Returns the hexadecimal SHA-256 of a file."""
     digest = hashlib.sha256()
     with path.open("rb") as stream:
         while block := stream.read(_BLOCK_BYTES):
@@ -41,7 +43,7 @@ def file_sha256(path: Path) -> str:
 
 
 def shard_problem(folder: Path, shard: ShardRecord, contents: bool = True) -> str | None:
-    """What is wrong with a shard, as a sentence that names it, or None; ``contents`` compares the checksum too."""
+    """Returns a sentence on what is wrong with a shard, or None; ``contents`` includes the checksum."""
     path = folder / shard.name
     if not path.is_file():
         return f"shard {path} is missing; run the command that made it with the same settings to make it again."
@@ -56,17 +58,17 @@ def shard_problem(folder: Path, shard: ShardRecord, contents: bool = True) -> st
 
 @dataclass(frozen=True)
 class SceneEntry:
-    """Where the files of one scene lie in a shard: extension to (offset, size), bytes."""
+    """Offset and size in bytes of the files of one scene in a shard, by extension."""
 
     key: str
     files: dict[str, tuple[int, int]]
 
 
 def index_shard(path: Path) -> tuple[SceneEntry, ...]:
-    """Reads the headers of a shard, not its contents.
+    """Reads the headers of a shard.
 
     Raises:
-        InputError: it is no tar archive.
+        InputError: the file is no tar archive.
     """
     entries: dict[str, dict[str, tuple[int, int]]] = {}
     try:
@@ -75,5 +77,23 @@ def index_shard(path: Path) -> tuple[SceneEntry, ...]:
                 key, _, extension = member.name.partition(".")
                 entries.setdefault(key, {})[extension] = (member.offset_data, member.size)
     except tarfile.TarError as error:
-        raise InputError(f"shard {path} is no tar archive ({error}).") from error
+        raise InputError(f"shard {path} is no tar archive ({error}); delete it and make it again.") from error
     return tuple(SceneEntry(key, files) for key, files in entries.items())
+
+
+def verify_dataset(folder: Path, progress: bool = False) -> list[str]:
+    """Reads a whole dataset and returns its problems, one sentence each; an intact dataset has none.
+
+    Problems are missing, truncated, altered and surplus shards, and a missing or damaged manifest.
+    """
+    if not folder.is_dir():
+        return [f"{folder}: no such folder."]
+    try:
+        manifest = Manifest.load(folder)
+    except InputError as error:
+        return [str(error)]
+    shards = tqdm(manifest.shards, desc="verify", unit="shard", disable=not progress)
+    problems = [problem for shard in shards if (problem := shard_problem(folder, shard)) is not None]
+    known = {shard.name for shard in manifest.shards}
+    surplus = sorted(path for path in folder.glob("*.tar") if path.name not in known)
+    return problems + [f"shard {path} is not in the manifest; delete it." for path in surplus]

@@ -57,7 +57,7 @@ class Localizer:
     >>> from avssl_pyro.clip import Clip
     >>> from avssl_pyro.systems.pretrained import load_weights_of
     >>> localizer = Localizer(load_weights_of("circle2"))
-    >>> silence = Clip.without_picture("silence", np.zeros((2, 16_000), np.float32))
+    >>> silence = Clip.from_audio("silence", np.zeros((2, 16_000), np.float32))
     >>> localizer.localize([silence])[0].sources
     ()
     """

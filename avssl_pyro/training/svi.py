@@ -20,8 +20,7 @@ from pyro.infer import Trace_ELBO
 from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.batch import ClipBatch
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.datasets.loader import make_loader
-from avssl_pyro.datasets.sampling import WindowShuffleSampler
+from avssl_pyro.datasets.sampling import WindowShuffleSampler, make_loader
 from avssl_pyro.distributions.profiled_gaussian import isotropic_log_likelihood, observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide

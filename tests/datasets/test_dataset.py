@@ -184,5 +184,5 @@ def test_a_rendering_for_another_array_than_the_manifest_says_is_refused(make_sc
     other = make_scenes("other", num_scenes=4).folder / "manifest.json"
     array = SceneDataset(other.parent).array
     path.write_text(json.dumps(json.loads(path.read_text()) | {"array": array.to_dict()}))
-    with pytest.raises(InputError, match="has 4 channels, its manifest's array 8"):
+    with pytest.raises(InputError, match="has 4 channels; the manifest's array has 8"):
         SceneDataset(folder)[0]

@@ -13,9 +13,9 @@ import pytest
 from fake_simulator import FakeSimulator, fake_plan
 
 from avssl_pyro.acoustics.presets import PRESETS, uniform_circle
-from avssl_pyro.datasets.cache import ensure_dataset
+from avssl_pyro.datasets.builtin import ensure_dataset
 from avssl_pyro.datasets.generation import GenerationPlan, generate
-from avssl_pyro.datasets.verification import verify
+from avssl_pyro.datasets.shards import verify_dataset
 from avssl_pyro.errors import InputError
 
 MakeScenes = Callable[..., GenerationPlan]
@@ -113,7 +113,7 @@ def test_a_full_disk_keeps_what_is_finished_and_leaves_nothing_half_written(tmp_
     assert "scenes-000006.tar" not in finished
     generate(fake_plan(folder, 40, FakeSimulator(log=log)), workers=1, progress=False)
     assert len(rendered(log)) == 40 - 4 * len(finished)
-    assert verify(folder) == []
+    assert verify_dataset(folder) == []
 
 
 def test_a_disk_that_fills_while_writing_is_reported_with_the_file(
@@ -170,7 +170,7 @@ def test_material_that_changed_since_is_noticed_when_a_shard_is_made_again(make_
     plan = make_scenes()
     (plan.folder / "scenes-000001.tar").unlink()
     changed = replace(plan, simulator=FakeSimulator(seed=9))
-    with pytest.raises(InputError, match=r"scenes-000001\.tar came out different"):
+    with pytest.raises(InputError, match=r"scenes-000001\.tar differs from its record"):
         generate(changed, workers=1, progress=False)
     assert not (plan.folder / "scenes-000001.tar").exists()
 

@@ -13,7 +13,7 @@ import pytest
 from fake_simulator import FakeSimulator, fake_plan
 
 from avssl_pyro.datasets.generation import generate
-from avssl_pyro.datasets.verification import verify
+from avssl_pyro.datasets.shards import verify_dataset
 
 # Forking after the imports makes a start cost milliseconds, so that kills fall on the work and not on the imports.
 STARTER = """
@@ -119,7 +119,7 @@ def test_killed_at_random_moments(
             if workers == 1:
                 assert finished.items() <= shards(folder).items(), "a finished shard was lost or made again"
                 finished = shards(folder)
-        assert verify(folder) == []
+        assert verify_dataset(folder) == []
         assert contents(folder) == expected
         rounds += 1
 

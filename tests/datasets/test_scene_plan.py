@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.datasets.cache import ensure_dataset
+from avssl_pyro.datasets.builtin import ensure_dataset
 from avssl_pyro.datasets.generation import generate
-from avssl_pyro.datasets.scene_plan import material_identity, plan_scenes
+from avssl_pyro.datasets.scene_plan import asset_identity, plan_scenes
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.layout import ALL_SPEAK, SceneConfig
 from avssl_pyro.simulation.people import PeopleFolder
@@ -56,9 +56,9 @@ def test_material_is_known_by_its_files_not_by_its_place(tmp_path: Path) -> None
         return PeopleFolder(tmp_path / name)
 
     here, there, other = folder("here", 50), folder("there", 50), folder("other", 500)
-    assert material_identity(here) == material_identity(there)
-    assert material_identity(here) != material_identity(other)
-    assert material_identity(SIMULATOR.people) == {"name": "procedural"}
+    assert asset_identity(here) == asset_identity(there)
+    assert asset_identity(here) != asset_identity(other)
+    assert asset_identity(SIMULATOR.people) == {"name": "procedural"}
 
 
 def test_a_relative_folder_means_the_same_to_workers_started_elsewhere(

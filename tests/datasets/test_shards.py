@@ -6,11 +6,11 @@ import pytest
 from fake_simulator import FakeSimulator, fake_plan
 
 from avssl_pyro.datasets.generation import GenerationPlan, generate
-from avssl_pyro.datasets.verification import verify
+from avssl_pyro.datasets.shards import verify_dataset
 
 
 def test_sound_scenes_have_no_problems(make_scenes: Callable[..., GenerationPlan]) -> None:
-    assert verify(make_scenes().folder) == []
+    assert verify_dataset(make_scenes().folder) == []
 
 
 def test_each_bad_shard_is_named(make_scenes: Callable[..., GenerationPlan]) -> None:
@@ -23,7 +23,7 @@ def test_each_bad_shard_is_named(make_scenes: Callable[..., GenerationPlan]) -> 
     missing.unlink()
     grown.write_bytes(grown.read_bytes() + b"x")
     (folder / "scenes-000099.tar").touch()
-    problems = verify(folder)
+    problems = verify_dataset(folder)
     assert len(problems) == 5
     for problem, words in zip(
         problems,
@@ -42,8 +42,8 @@ def test_each_bad_shard_is_named(make_scenes: Callable[..., GenerationPlan]) -> 
 def test_unfinished_scenes_are_not_sound(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="No space"):
         generate(fake_plan(tmp_path, 10, FakeSimulator(disk_full_at=5)), workers=1, progress=False)
-    assert "no manifest.json" in verify(tmp_path)[0]
-    assert "no such folder" in verify(tmp_path / "nowhere")[0]
+    assert "no manifest.json" in verify_dataset(tmp_path)[0]
+    assert "no such folder" in verify_dataset(tmp_path / "nowhere")[0]
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_unfinished_scenes_are_not_sound(tmp_path: Path) -> None:
         ("format", "avssl-scenes/9", "avssl-scenes/9"),
         ("shards", None, "'shards' is missing"),
         ("shards", [], "do not add up"),
-        ("shards", [{"name": "../x"}], "damaged shard entry"),
+        ("shards", [{"name": "../x"}], "a shard entry is damaged"),
         ("shards", [{"name": "../x", "num_scenes": 1, "num_bytes": 1, "sha256": ""}], "outside the folder"),
         ("seed", "x", "damaged"),
         ("num_scenes", 9, "do not add up"),
@@ -63,7 +63,7 @@ def test_a_damaged_manifest_is_told_in_a_sentence(
 ) -> None:
     path = make_scenes().folder / "manifest.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {field: value}))
-    (problem,) = verify(path.parent)
+    (problem,) = verify_dataset(path.parent)
     assert words in problem
     assert str(path) in problem
 
@@ -71,5 +71,5 @@ def test_a_damaged_manifest_is_told_in_a_sentence(
 def test_a_manifest_cut_short_is_told_in_a_sentence(make_scenes: Callable[..., GenerationPlan]) -> None:
     path = make_scenes().folder / "manifest.json"
     path.write_text(path.read_text()[:100])
-    (problem,) = verify(path.parent)
+    (problem,) = verify_dataset(path.parent)
     assert "not valid JSON" in problem
