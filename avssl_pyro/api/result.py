@@ -14,6 +14,7 @@ from avssl_pyro.io.png import save_png
 from avssl_pyro.io.separated_sound import write_separated
 from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 from avssl_pyro.localization.results import Localization
+from avssl_pyro.separation.separator import SeparationConfig, Separator
 from avssl_pyro.viz.overlay import draw_overlay
 from avssl_pyro.viz.polar import Circle, draw_circles, figure_pixels
 
@@ -101,9 +102,18 @@ class Result:
             save_png(Path(path), drawing_ijc)
         return drawing_ijc
 
-    def separate(self) -> npt.NDArray[np.float32]:
-        """The sound of every source at the first microphone, (S, N), 16 kHz, in the order of the sources."""
-        return self.model.separator.separate(self.clip.audio_mn, self.posterior, self.sources)
+    def separate(self, config: SeparationConfig | None = None) -> npt.NDArray[np.float32]:
+        """The sound of every source at one microphone, (S, N), 16 kHz, in the order of the sources.
+
+        Args:
+            config: settings of the separation.
+
+        Raises:
+            InputError: the reference microphone is not one of the array's.
+        """
+        model = self.model
+        separator = model.separator if config is None else Separator(model.system.config, config)
+        return separator.separate(self.clip.audio_mn, self.posterior, self.sources)
 
     def save_sounds(self, folder: str | Path) -> list[Path]:
         """Writes the sound of every source as a 16 kHz WAV file, and returns the paths."""
