@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from avssl_pyro.models.likelihoods import ProfiledGaussian
     from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
     from avssl_pyro.models.spatial_cgmm import SpatialCGMM
-    from avssl_pyro.recordings.discovery import Alignment
+    from avssl_pyro.recordings.recording import Alignment
     from avssl_pyro.separation.separator import Separator
     from avssl_pyro.systems.system import System, SystemConfig
     from avssl_pyro.tracking.timeline import Timeline

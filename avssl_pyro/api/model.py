@@ -18,7 +18,7 @@ from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.clip_files import fit_audio, fit_panorama, read_audio, read_image
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import SourceThresholds
-from avssl_pyro.recordings.discovery import Alignment
+from avssl_pyro.recordings.recording import Alignment
 from avssl_pyro.separation.separator import Separator
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.pretrained import load_pretrained

@@ -115,7 +115,12 @@ class Result:
         separator = model.separator if config is None else Separator(model.system.config, config)
         return separator.separate(self.clip.audio_mn, self.posterior, self.sources)
 
-    def save_sounds(self, folder: str | Path) -> list[Path]:
-        """Writes the sound of every source as a 16 kHz WAV file, and returns the paths."""
+    def save_sounds(self, folder: str | Path, name: str | None = None) -> list[Path]:
+        """Writes the sound of every source as a 16 kHz WAV file, and returns the paths.
+
+        Args:
+            folder: folder to write to; it is made if it is not there.
+            name: beginning of the files' names; by default the name of the clip.
+        """
         azimuths = [source.azimuth for source in self.sources]
-        return write_separated(Path(folder), self.clip.key, azimuths, self.separate())
+        return write_separated(Path(folder), name or self.clip.key, azimuths, self.separate())

@@ -25,9 +25,9 @@ from avssl_pyro.diagnosis.finding import Finding, Severity
 from avssl_pyro.diagnosis.lag import check_lag, picture_change, sound_energy
 from avssl_pyro.diagnosis.orientation import Turn
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.clip_files import check_channels, read_image
+from avssl_pyro.io.clip_files import read_image
 from avssl_pyro.recordings.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
-from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
+from avssl_pyro.recordings.recording import Recording, VideoFile
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.pretrained import load_pretrained
 from avssl_pyro.systems.system import System
@@ -58,7 +58,7 @@ class DoctorOptions:
     """Checkpoint of svi_train.py, to find out how the camera is turned against the array and whether it is mirrored."""
     camera: bool = False
     """Find that out with the weights that come with the package."""
-    placement: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
+    alignment: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
     """How picture and sound lie to each other, as far as known."""
     json: bool = False
     """Print JSON instead of lines."""
@@ -102,25 +102,13 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
     if looks and options.video is None and options.image is None:
         raise InputError("to find out how the camera is turned, give --video or --image as well.")
     array = _array(options, system)
-    video = None if options.video is None else VideoFile(options.video)
-    file = AudioFile(audio)
-    check_channels(file.num_channels, array, str(audio))
-    placed = options.placement
-    recording = Recording(
-        audio.stem,
-        file,
-        video,
-        placed.offset,
-        placed.yaw,
-        placed.mirror,
-        placed.elevations,
-        array.channel_indices,
-    )
+    recording = Recording.open(audio, options.video, options.alignment.of(array)).with_channels_of(array)
     recording.check_picture()
     still_ijc = None if options.image is None else recording.fit(read_image(options.image))
     findings = examine(read_excerpts(audio).select(array.channel_indices), array)
-    if video is not None:
-        findings += check_durations(recording.audio.duration_s, recording.audio.sample_rate, video.duration_s)
+    if recording.video is not None:
+        audio_file, video = recording.audio, recording.video
+        findings += check_durations(audio_file.duration_s, audio_file.sample_rate, video.duration_s)
         findings += _lag(recording, video)
     if looks:
         findings += _camera(options, system, array, _clips(recording, still_ijc))
@@ -146,7 +134,7 @@ def _camera(
         system = pretrained.system
     else:
         return ()
-    given = Turn(options.placement.mirror, options.placement.yaw) if options.data is None else AS_IT_IS
+    given = Turn(options.alignment.mirror, options.alignment.yaw) if options.data is None else AS_IT_IS
     return check_camera(system, clips, given, progress=True)
 
 

@@ -1,57 +1,65 @@
-"""Localizes the sounding objects of clips, or of a whole recording, with a trained system."""
+"""Estimates the sources of clips, or of a whole recording, with a trained system."""
 
+import contextlib
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
-from tqdm import tqdm
 
-from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
 from avssl_pyro.cli.options import choose_system, given, parse_options
-from avssl_pyro.clip import Clip
+from avssl_pyro.cli.outputs import check_outputs
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.io.clip_files import read_clip
 from avssl_pyro.io.csv_table import read_csv_table
-from avssl_pyro.io.separated_sound import write_separated
-from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS, SourceThresholds
-from avssl_pyro.separation.separator import Separator
-from avssl_pyro.viz.overlay import save_overlay
+from avssl_pyro.localization.posterior import (
+    AUDIO_ONLY_THRESHOLDS,
+    ONE_PASS_THRESHOLDS,
+    REFINED_THRESHOLDS,
+    SourceThresholds,
+)
+
+if TYPE_CHECKING:
+    from avssl_pyro.api.model import Model, Result
+
+STANDARD_OUTPUT = Path("-")
 
 
 @dataclass(frozen=True)
 class LocalizeOptions:
-    """Tell which objects in a 360-degree image are sounding, where, how much, and how sure that is."""
+    """Estimate which objects in a 360-degree image are sounding, where, how much, and how sure that is.
 
-    out: Path
-    """Result: JSON for one clip, JSON lines for a manifest or a recording."""
-    checkpoint: Path | None = None
-    """Checkpoint of svi_train.py (.safetensors); by default the weights that come with the package."""
-    image: Path | None = None
-    """Equirectangular image, twice as wide as high, or 88 x 288."""
+    Without an image the sources are estimated from the audio alone.
+    """
+
     audio: Path | None = None
     """WAV or FLAC of any rate, one channel per microphone."""
-    manifest: Annotated[Path | None, tyro.conf.arg(metavar="CLIPS.csv")] = None
-    """Instead of --image and --audio: a CSV file with columns audio and image; paths are relative to it."""
+    image: Path | None = None
+    """Equirectangular image, twice as wide as high, or 88 x 288."""
+    clips: Annotated[Path | None, tyro.conf.arg(metavar="CLIPS.csv")] = None
+    """Instead of --audio and --image: a CSV file with the column audio and, where there are pictures, image; paths are
+    relative to it. One line of JSON per clip is written as soon as the clip is done."""
+    out: Path = STANDARD_OUTPUT
+    """Result: JSON for one clip, JSON lines for many or for a recording; '-' is standard output."""
     array: str | None = None
-    """Preset or YAML file of the array that recorded. A checkpoint knows its own; give it to have that checked, or
-    because this recording has the microphones on other channels."""
+    """Preset or YAML file of the array that recorded. A checkpoint has its own, which is compared with this one; a
+    recording with the microphones on other channels needs both."""
+    checkpoint: Path | None = None
+    """Checkpoint of a training (.safetensors); by default the pretrained weights of the package."""
     overlay: Path | None = None
-    """Picture to write; a folder in case of a manifest."""
+    """Picture to write; a folder in case of --clips."""
     separate: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for the sound of each source: one 16 kHz WAV per source, named after the clip and the azimuth."""
     rounds: int = RefinementConfig().rounds
     """Most rounds of refinement, closed-form ascent that fits the posterior to a clip; 0 is the networks' answer,
     faster and much less accurate."""
     thresholds: SourceThresholds = REFINED_THRESHOLDS
-    """When a source class counts as a source; the defaults are higher with --rounds 0."""
+    """Conditions under which a class counts as a source; the defaults are higher with --rounds 0."""
     device: str = "cpu"
     """Torch device."""
     recording: Annotated[RecordingOptions, tyro.conf.arg(name="")] = field(default_factory=RecordingOptions)
@@ -59,15 +67,22 @@ class LocalizeOptions:
 
 
 @dataclass(frozen=True)
-class _Input:
-    image: Path
+class _ClipFiles:
+    """Audio and image of one clip, as they were named and as they are found."""
+
+    audio_name: str
     audio: Path
+    image: Path | None
 
 
 def parse(args: Sequence[str] | None = None) -> LocalizeOptions:
-    """Options of the command line; the default thresholds are those of refined posteriors or of one forward pass."""
-    thresholds = ONE_PASS_THRESHOLDS if given("--rounds", args) == "0" else REFINED_THRESHOLDS
-    return parse_options(LocalizeOptions, args, default=LocalizeOptions(tyro.MISSING, thresholds=thresholds))
+    """Options of the command line; the default thresholds are those of the posterior that the options ask for."""
+    thresholds = REFINED_THRESHOLDS
+    if given("--rounds", args) == "0":
+        thresholds = ONE_PASS_THRESHOLDS
+    elif all(given(option, args) is None for option in ("--image", "--video", "--clips")):
+        thresholds = AUDIO_ONLY_THRESHOLDS
+    return parse_options(LocalizeOptions, args, LocalizeOptions(thresholds=thresholds))
 
 
 def main(args: Sequence[str] | None = None) -> int | None:
@@ -77,38 +92,52 @@ def main(args: Sequence[str] | None = None) -> int | None:
         The exit code, None for success.
 
     Raises:
-        InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`; no output is written then.
+        InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`; bad input is found before
+            anything is written.
     """
     options = parse(args)
-    whole = options.recording.video is not None
-    inputs = [] if whole else _inputs(options)
-    system, array = choose_system(options.checkpoint, options.array)
-    if options.overlay is not None and options.manifest is None and options.overlay.suffix.lower() != ".png":
+    if options.rounds < 0:
+        raise InputError(f"--rounds is {options.rounds}; give a number of rounds of refinement, or 0 for none.")
+    if options.overlay is not None and options.clips is None and options.overlay.suffix.lower() != ".png":
         raise InputError(f"--overlay {options.overlay}: pictures are written as PNG; give a name that ends in .png.")
     if options.separate is not None and options.separate.exists() and not options.separate.is_dir():
         raise InputError(f"--separate {options.separate}: is a file; name a folder.")
-    if options.rounds < 0:
-        raise InputError(f"--rounds is {options.rounds}; give a number of rounds of refinement, or 0 for none.")
-    refinement = RefinementConfig(rounds=options.rounds) if options.rounds else None
-    localizer = Localizer(system, options.device, refinement=refinement, thresholds=options.thresholds)
-    if whole:
-        audio = _audio_of_recording(options)
-        refined = options.rounds > 0
-        return localize_recording(options.recording, audio, options.out, array, localizer, refined)
-    # Everything is read once before anything is written, so that a bad clip late in a manifest leaves nothing behind.
-    for entry in inputs:
-        if not read_clip(entry.image, entry.audio, array).audio_mn.any():
-            print(f"warning: {entry.audio}: is silent throughout.", file=sys.stderr)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    lines = list(_results(inputs, options, array, localizer))
-    write_atomically(options.out, "".join(f"{line}\n" for line in lines).encode())
-    if options.manifest is None:
-        _print_sources(json.loads(lines[0]))
+    audio = _audio_of_recording(options)
+    inputs = _inputs(options) if audio is None else []
+    model = _model(options)
+    out = None if options.out == STANDARD_OUTPUT else options.out
+    if audio is not None:
+        return localize_recording(options.recording, audio, out, model.array, model.localizer, options.rounds > 0)
+    _check_inputs(inputs, model)
+    overlay = options.overlay if options.clips is None else None
+    check_outputs((out, overlay), (options.clips, *_files(inputs)))
+    if options.clips is not None:
+        _localize_many(inputs, options, model, out)
+        return None
+    result, line = _localize_one(inputs[0], options, model, inputs[0].audio.stem)
+    if out is None:
+        print(json.dumps(line, allow_nan=False))
+    else:
+        write_atomically(out, (json.dumps(line, allow_nan=False) + "\n").encode())
+    _print_sources(result, sys.stdout if out is not None else sys.stderr)
     return None
 
 
-def _audio_of_recording(options: LocalizeOptions) -> Path:
-    for name in ("image", "manifest", "overlay", "separate"):
+def _model(options: LocalizeOptions) -> "Model":
+    from avssl_pyro.api.model import Model
+
+    system, array = choose_system(options.checkpoint, options.array)
+    weights = "shipped" if options.checkpoint is None else str(options.checkpoint)
+    refinement = RefinementConfig(rounds=options.rounds) if options.rounds else None
+    return Model(system, array, weights, options.device, refinement, options.thresholds)
+
+
+def _audio_of_recording(options: LocalizeOptions) -> Path | None:
+    """The audio file of a whole recording; None for clips."""
+    if options.recording.video is None:
+        options.recording.check_unused()
+        return None
+    for name in ("image", "clips", "overlay", "separate"):
         if getattr(options, name) is not None:
             raise InputError(f"--{name} is for single clips; leave it out, or leave out --video.")
     if options.audio is None:
@@ -116,74 +145,93 @@ def _audio_of_recording(options: LocalizeOptions) -> Path:
     return options.audio
 
 
-def _inputs(options: LocalizeOptions) -> list[_Input]:
-    options.recording.check_unused()
-    if options.manifest is not None:
+def _inputs(options: LocalizeOptions) -> list[_ClipFiles]:
+    if options.clips is not None:
         if options.image is not None or options.audio is not None:
-            raise InputError("give either --manifest or --image with --audio, not both.")
-        return read_manifest(options.manifest)
-    if options.image is None or options.audio is None:
+            raise InputError("give either --clips or --audio with --image, not both.")
+        return read_clip_list(options.clips)
+    if options.audio is None:
         raise InputError(
-            "give --image and --audio, or --manifest with many of them, or --video and --audio for a whole recording."
+            "give --audio, and --image if there is one; or --clips with many of them, or --video and --audio for a "
+            "whole recording."
         )
-    return [_Input(options.image, options.audio)]
+    return [_ClipFiles(str(options.audio), options.audio, options.image)]
 
 
-def read_manifest(path: Path) -> list[_Input]:
-    """Reads a CSV file with columns ``audio`` and ``image``.
+def read_clip_list(path: Path) -> list[_ClipFiles]:
+    """Reads a CSV file with the column ``audio`` and perhaps ``image``, whose cells may be empty.
 
     Raises:
-        InputError: the file is missing, lacks a column, has an empty cell or no row.
+        InputError: the file is missing, lacks the column, has an empty cell in it or no row.
     """
-    lines = read_csv_table(path, ("audio", "image")).lines
-    return [_Input(path.parent / line.file_name("image"), path.parent / line.file_name("audio")) for line in lines]
+    clips = []
+    for line in read_csv_table(path, ("audio",)).lines:
+        name, image = line.file_name("audio"), line.cells.get("image")
+        clips.append(_ClipFiles(name, path.parent / name, path.parent / image if image else None))
+    return clips
 
 
-def _results(
-    inputs: Sequence[_Input],
-    options: LocalizeOptions,
-    array: MicrophoneArray,
-    localizer: Localizer,
-) -> Iterator[str]:
-    separator = None if options.separate is None else Separator(localizer.config)
-    for number, entry in enumerate(tqdm(inputs, unit="clip", desc="localizing", disable=len(inputs) == 1)):
-        clip = read_clip(entry.image, entry.audio, array)
-        (found,) = localizer.localize([clip])
-        posterior, sources = found.posterior, found.sources
-        if options.overlay is not None:
-            save_overlay(
-                _overlay_path(options, number, clip), clip.image_ijc, posterior, sources, localizer.config.grid
-            )
-        separated = None
-        if separator is not None and options.separate is not None:
-            sound_sn = separator.separate(clip.audio_mn, posterior, sources)
-            azimuths = [source.azimuth for source in sources]
-            separated = write_separated(options.separate, _name(options, number, clip), azimuths, sound_sn)
-        result = found.to_dict(
-            separated,
-            audio=str(entry.audio),
-            image=str(entry.image),
-            array=array.to_dict(),
-            checkpoint="shipped" if options.checkpoint is None else str(options.checkpoint),
-        )
-        yield json.dumps(result, allow_nan=False)
+def _files(inputs: Sequence[_ClipFiles]) -> Iterator[Path]:
+    for entry in inputs:
+        yield entry.audio
+        if entry.image is not None:
+            yield entry.image
 
 
-def _overlay_path(options: LocalizeOptions, number: int, clip: Clip) -> Path:
-    assert options.overlay is not None
-    return options.overlay if options.manifest is None else options.overlay / f"{_name(options, number, clip)}.png"
+def _check_inputs(inputs: Sequence[_ClipFiles], model: "Model") -> None:
+    """Reads everything once before anything is written, so that a bad clip late in a list leaves nothing behind."""
+    from avssl_pyro.io.clip_files import read_audio, read_image
+
+    for entry in inputs:
+        if not read_audio(entry.audio, model.array).any():
+            print(f"warning: {entry.audio}: is silent throughout.", file=sys.stderr)
+        if entry.image is not None:
+            read_image(entry.image)
+        else:
+            # Refuses a model without refinement, by name.
+            assert model.audio_only_localizer
 
 
-def _name(options: LocalizeOptions, number: int, clip: Clip) -> str:
-    """What a clip's own files are called; those of a manifest may share names, and have numbers."""
-    return clip.key if options.manifest is None else f"{number:05d}-{clip.key}"
+def _localize_many(inputs: Sequence[_ClipFiles], options: LocalizeOptions, model: "Model", out: Path | None) -> None:
+    from tqdm import tqdm
+
+    with _writer(out) as write:
+        for number, entry in enumerate(tqdm(inputs, unit="clip", desc="localizing")):
+            # Clips may share their files' names.
+            _, line = _localize_one(entry, options, model, f"{number:05d}-{entry.audio.stem}")
+            write(line)
 
 
-def _print_sources(result: dict[str, list[dict[str, float]]]) -> None:
-    if not result["sources"]:
-        print("no sounding object found.")
-    for source in result["sources"]:
+def _localize_one(
+    entry: _ClipFiles, options: LocalizeOptions, model: "Model", name: str
+) -> "tuple[Result, dict[str, Any]]":
+    """Localizes one clip, writes its picture and its sounds, and returns its result, whole and as JSON values."""
+    result = model.localize(entry.audio, entry.image)
+    if options.overlay is not None:
+        result.plot(options.overlay if options.clips is None else options.overlay / f"{name}.png")
+    separated = None if options.separate is None else result.save_sounds(options.separate, name)
+    return result, result.to_dict(separated) | {"audio": entry.audio_name}
+
+
+@contextlib.contextmanager
+def _writer(out: Path | None) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """A function that writes one line of JSON to a file or to standard output, at once."""
+    with contextlib.ExitStack() as stack:
+        stream = sys.stdout if out is None else stack.enter_context(out.open("w", encoding="utf-8"))
+
+        def write(values: dict[str, Any]) -> None:
+            stream.write(json.dumps(values, allow_nan=False) + "\n")
+            stream.flush()
+
+        yield write
+
+
+def _print_sources(result: "Result", stream: Any) -> None:
+    if not result.sources:
+        print("no sounding object found.", file=stream)
+    for source in result.sources:
         print(
-            f"azimuth {source['azimuth_deg']:+7.1f} +- {source['azimuth_std_deg']:.1f} deg   "
-            f"level {source['level']:.2f} +- {source['level_std']:.2f}"
+            f"azimuth {source.azimuth_deg:+7.1f} +- {source.azimuth_std_deg:.1f} deg   "
+            f"level {source.level:.2f} +- {source.level_std:.2f}",
+            file=stream,
         )

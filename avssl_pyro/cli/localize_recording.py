@@ -1,37 +1,30 @@
-"""Localizes the sounding objects of a whole recording: the part of localize.py that takes a video."""
+"""The part of ``avssl localize`` that takes a whole recording."""
 
 import sys
-import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from tqdm import tqdm
 
-from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.command import EXIT_INTERRUPTED
 from avssl_pyro.cli.options import AlignmentOptions
+from avssl_pyro.cli.outputs import check_outputs
 from avssl_pyro.errors import InputError
-from avssl_pyro.interruption import GracefulInterrupt
-from avssl_pyro.io.dcase import write_dcase
-from avssl_pyro.io.video_writer import check_video_name, has_encoder
-from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.recordings.recording import Recording
-from avssl_pyro.tracking.recording_localizer import ONE_PASS_RATE_HZ, REFINED_RATE_HZ, WINDOW_S, open_recording
-from avssl_pyro.tracking.recording_localizer import localize_recording as find_sources
-from avssl_pyro.tracking.results import dcase_rows, json_lines
-from avssl_pyro.tracking.timeline import Timeline
-from avssl_pyro.viz.annotated_video import save_annotated_video
+
+if TYPE_CHECKING:
+    from avssl_pyro.acoustics.array import MicrophoneArray
+    from avssl_pyro.interruption import GracefulInterrupt
+    from avssl_pyro.localization.localizer import Localizer
+    from avssl_pyro.recordings.recording import Recording
+    from avssl_pyro.tracking.timeline import Timeline
 
 BAR_FORMAT = "{desc}: {percentage:3.0f}%|{bar}| {n:.1f}/{total:.1f} s [{elapsed}<{remaining}]"
 
 
 @dataclass(frozen=True)
 class RecordingOptions:
-    """What is asked of a whole recording."""
+    """Options of a whole recording."""
 
     video: Path | None = None
     """Instead of --image: equirectangular video of the whole recording, of any size and frame rate."""
@@ -43,7 +36,7 @@ class RecordingOptions:
     """With --video: results per second, each of one second of sound; by default 2, or 10 with --rounds 0."""
     tracking: bool = True
     """With --video: link the results over time, so that a source keeps its number and a short miss is bridged."""
-    placement: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
+    alignment: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
 
     def check_unused(self) -> None:
         """Refuses options of recordings where there is none.
@@ -54,46 +47,30 @@ class RecordingOptions:
         for name in ("dcase", "annotated", "rate"):
             if getattr(self, name) is not None:
                 raise InputError(f"--{name} is for whole recordings; give --video with --audio.")
-
-
-def check_outputs(outputs: Sequence[Path | None], inputs: Sequence[Path | None]) -> None:
-    """Finds out before the long work whether its results can be written; makes their folders.
-
-    Raises:
-        InputError: an output is no regular file, or would replace an input or another output.
-        OSError: its folder cannot be made or written.
-    """
-    taken = [path.resolve() for path in inputs if path is not None]
-    for path in outputs:
-        if path is None:
-            continue
-        if path.resolve() in taken:
-            raise InputError(f"{path}: is read or written by the same command already; give every output its own name.")
-        taken.append(path.resolve())
-        if path.exists() and not path.is_file():
-            raise InputError(f"{path}: is not a regular file; name a file that may be made or replaced.")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path.parent):
-            pass
+        if not self.tracking:
+            raise InputError("--no-tracking is for whole recordings; give --video with --audio.")
+        for name in ("offset", "yaw", "mirror", "elevations"):
+            if getattr(self.alignment, name) != getattr(AlignmentOptions(), name):
+                raise InputError(f"--{name} is for whole recordings; give --video, or turn the picture beforehand.")
 
 
 def localize_recording(
     options: RecordingOptions,
     audio: Path,
-    out: Path,
-    array: MicrophoneArray,
-    localizer: Localizer,
+    out: Path | None,
+    array: "MicrophoneArray",
+    localizer: "Localizer",
     refined: bool,
 ) -> int:
-    """Localizes window by window, links the results, and writes what was asked for.
+    """Localizes a recording, writes what was asked for, and prints a summary.
 
     Ctrl-C ends the first part early: the files then hold whole results up to there, and no video is drawn.
 
     Args:
-        options: of the recording.
-        audio: one channel per microphone.
-        out: JSON lines.
-        array: the microphones that recorded; it knows their channels.
+        options: options of the recording.
+        audio: audio file, one channel per microphone.
+        out: file of JSON lines; None for standard output.
+        array: array that recorded, with its channels.
         localizer: localizer of the windows.
         refined: whether the localizer refines.
 
@@ -103,12 +80,14 @@ def localize_recording(
     Raises:
         InputError, OSError: before anything is written, if the input or an output is at fault.
     """
-    rate = options.rate if options.rate is not None else REFINED_RATE_HZ if refined else ONE_PASS_RATE_HZ
+    from avssl_pyro.interruption import GracefulInterrupt
+    from avssl_pyro.io.video_writer import check_video_name, has_encoder
+    from avssl_pyro.tracking import recording_localizer as library
+
+    rate = options.rate if options.rate is not None else library.default_rate_hz(refined)
     if not 0 < rate <= 100:
         raise InputError(f"--rate is {rate:g}; give a number of results per second, above 0 and up to 100.")
-    if options.video is None:
-        raise InputError("a recording has no video; give --video with --audio.")
-    recording = open_recording(audio, options.video, array, options.placement.of(array))
+    recording = library.open_recording(audio, options.video, array, options.alignment.of(array))
     if options.annotated is not None:
         check_video_name(options.annotated)
     check_outputs((out, options.dcase, options.annotated), (audio, options.video))
@@ -119,41 +98,62 @@ def localize_recording(
             file=sys.stderr,
         )
     with GracefulInterrupt() as stop:
-        timeline = find_sources(
+        timeline = library.localize_recording(
             recording, localizer, rate_hz=rate, tracking=options.tracking, interrupt=stop, progress=True
         )
-        reached_s = timeline.moments[-1].time_s + WINDOW_S / 2 if timeline.moments else recording.start_s
-        write_atomically(out, json_lines(timeline, "track" if options.tracking else "source_class").encode())
-        if options.dcase is not None:
-            end_s = reached_s if stop.requested and timeline.moments else recording.end_s
-            write_dcase(options.dcase, dcase_rows(timeline, end_s))
+        reached_s = timeline.moments[-1].time_s + library.WINDOW_S / 2 if timeline.moments else recording.start_s
+        _write(timeline, options, out, reached_s if stop.requested else recording.end_s)
         if stop.requested:
+            kept = f"{out} holds the {len(timeline.moments)} results up to there, and " if out is not None else ""
             print(
-                f"interrupted at {reached_s:.1f} s of {recording.end_s:.1f} s; {out} holds the {len(timeline.moments)} "
-                "results up to there, and the same command begins anew.",
+                f"interrupted at {reached_s:.1f} s of {recording.end_s:.1f} s; {kept}the same command begins anew.",
                 file=sys.stderr,
             )
             return EXIT_INTERRUPTED
-        unseen = len(recording.window_starts(1 / rate, WINDOW_S)) - len(timeline.moments)
+        unseen = len(recording.window_starts(1 / rate, library.WINDOW_S)) - len(timeline.moments)
         if unseen:
             print(
                 f"warning: {options.video}: {unseen} windows have no picture, where the video has a gap or ends; they "
                 "have no result.",
                 file=sys.stderr,
             )
-        print(_summary(timeline, recording.duration_s, options.tracking))
+        summary = _summary(timeline, recording.duration_s, options.tracking)
+        print(summary, file=sys.stdout if out is not None else sys.stderr)
         if options.annotated is not None and not _draw(
             options.annotated, recording, timeline, localizer, refined, stop
         ):
-            print(f"interrupted; {options.annotated} was not written, {out} is whole.", file=sys.stderr)
+            print(f"interrupted; {options.annotated} was not written, the results are whole.", file=sys.stderr)
             return EXIT_INTERRUPTED
     return 0
 
 
+def _write(timeline: "Timeline", options: RecordingOptions, out: Path | None, end_s: float) -> None:
+    from avssl_pyro.atomic_file import write_atomically
+    from avssl_pyro.io.dcase import write_dcase
+    from avssl_pyro.tracking.results import dcase_rows, json_lines
+
+    lines = json_lines(timeline, "track" if options.tracking else "source_class")
+    if out is None:
+        sys.stdout.write(lines)
+    else:
+        write_atomically(out, lines.encode())
+    if options.dcase is not None:
+        write_dcase(options.dcase, dcase_rows(timeline, end_s))
+
+
 def _draw(
-    path: Path, recording: Recording, timeline: Timeline, localizer: Localizer, refined: bool, stop: GracefulInterrupt
+    path: Path,
+    recording: "Recording",
+    timeline: "Timeline",
+    localizer: "Localizer",
+    refined: bool,
+    stop: "GracefulInterrupt",
 ) -> bool:
     """Draws the annotated video; False if that was interrupted, and no video is there."""
+    from tqdm import tqdm
+
+    from avssl_pyro.viz.annotated_video import save_annotated_video
+
     with tqdm(total=round(recording.end_s, 1), unit="s", desc="drawing", bar_format=BAR_FORMAT) as bar:
 
         def on_frame(time_s: float) -> None:
@@ -170,7 +170,7 @@ def _draw(
     return True
 
 
-def _summary(timeline: Timeline, duration_s: float, tracking: bool) -> str:
+def _summary(timeline: "Timeline", duration_s: float, tracking: bool) -> str:
     """One sentence on what was found."""
     sounding = sum(bool(moment.sources) for moment in timeline.moments)
     share = 100 * sounding / max(1, len(timeline.moments))

@@ -14,7 +14,7 @@ from avssl_pyro.errors import InputError
 
 if TYPE_CHECKING:
     from avssl_pyro.acoustics.array import MicrophoneArray
-    from avssl_pyro.recordings.discovery import Alignment
+    from avssl_pyro.recordings.recording import Alignment
     from avssl_pyro.simulation.motion import MovingPeopleConfig
     from avssl_pyro.simulation.panoramas import PanoramaSource
     from avssl_pyro.simulation.people import PersonSource
@@ -40,7 +40,7 @@ class AlignmentOptions:
 
     def of(self, array: "MicrophoneArray") -> "Alignment":
         """The alignment, with the channels that the array names."""
-        from avssl_pyro.recordings.discovery import Alignment
+        from avssl_pyro.recordings.recording import Alignment
 
         channels = array.channels and array.channel_indices
         return Alignment(self.offset, self.yaw, self.mirror, self.elevations, channels)

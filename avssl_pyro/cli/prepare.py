@@ -52,7 +52,7 @@ class PrepareOptions:
     """Which of STARSS23's audio: the microphones or first-order ambisonics."""
     split: Literal["dev-train", "dev-test"] = "dev-train"
     """Which part of STARSS23."""
-    placement: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
+    alignment: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
     clip_seconds: float = 1.0
     """Length of a clip."""
     hop: float | None = None
@@ -126,21 +126,21 @@ def _splitter(options: PrepareOptions) -> Splitter:
 
 
 def _recordings(options: PrepareOptions, array: MicrophoneArray) -> list[Recording]:
-    placement = options.placement.of(array)
+    alignment = options.alignment.of(array)
     sources = (options.folder, options.manifest, options.video or options.audio)
     if sum(source is not None for source in sources) != 1:
         raise InputError("give one of --video with --audio, --folder, --manifest or --starss.")
     files: tuple[RecordingFiles, ...]
     if options.folder is not None:
-        files, alone = recordings_in_folder(options.folder, placement)
+        files, alone = recordings_in_folder(options.folder, alignment)
         for path in alone:
             _warn(f"{path}: has no partner of the same name; it is left out.")
     elif options.manifest is not None:
-        files = read_recording_list(options.manifest, placement)
+        files = read_recording_list(options.manifest, alignment)
     elif options.video is None or options.audio is None:
         raise InputError("give both --video and --audio.")
     else:
-        files = (RecordingFiles(options.video, options.audio, placement),)
+        files = (RecordingFiles(options.video, options.audio, alignment),)
     return [entry.open() for entry in files]
 
 

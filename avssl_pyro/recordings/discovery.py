@@ -6,29 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.audio_stream import AudioFile
 from avssl_pyro.io.csv_table import CsvLine, read_csv_table
-from avssl_pyro.io.video_reader import VideoFile
-from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.recordings.recording import Alignment, Recording
 
 AUDIO_SUFFIXES = (".wav", ".flac")
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts")
 _COLUMNS = ("video", "audio", "offset_s", "yaw_deg")
-
-
-@dataclass(frozen=True)
-class Alignment:
-    """Position of a recording's picture and channels relative to the array; see :class:`Recording` for each.
-
-    >>> Alignment(yaw_deg=90.0, mirror=True).offset_s
-    0.0
-    """
-
-    offset_s: float = 0.0
-    yaw_deg: float = 0.0
-    mirror: bool = False
-    elevation_range_deg: tuple[float, float] | None = None
-    channels: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -37,24 +20,14 @@ class RecordingFiles:
 
     video: Path
     audio: Path
-    placement: Alignment
+    alignment: Alignment
 
     def open(self) -> Recording:
-        """Raises InputError when a file cannot be read or they do not fit together."""
-        placed = self.placement
-        return Recording(
-            self.audio.stem,
-            AudioFile(self.audio),
-            VideoFile(self.video),
-            offset_s=placed.offset_s,
-            yaw_deg=placed.yaw_deg,
-            mirror=placed.mirror,
-            elevation_range_deg=placed.elevation_range_deg,
-            channels=placed.channels,
-        )
+        """The recording; raises InputError when a file cannot be read or the two do not fit together."""
+        return Recording.open(self.audio, self.video, self.alignment)
 
 
-def recordings_in_folder(folder: Path, placement: Alignment) -> tuple[tuple[RecordingFiles, ...], tuple[Path, ...]]:
+def recordings_in_folder(folder: Path, alignment: Alignment) -> tuple[tuple[RecordingFiles, ...], tuple[Path, ...]]:
     """Pairs of equal name but for the suffix, ordered by name, and the audio and video files that have no partner.
 
     Raises:
@@ -63,7 +36,7 @@ def recordings_in_folder(folder: Path, placement: Alignment) -> tuple[tuple[Reco
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of recordings.")
     audio, video = _by_stem(folder, AUDIO_SUFFIXES), _by_stem(folder, VIDEO_SUFFIXES)
-    pairs = tuple(RecordingFiles(video[stem], audio[stem], placement) for stem in sorted(audio.keys() & video.keys()))
+    pairs = tuple(RecordingFiles(video[stem], audio[stem], alignment) for stem in sorted(audio.keys() & video.keys()))
     if not pairs:
         raise InputError(
             f"{folder}: holds no recording; give each a video and a WAV or FLAC file of the same name, such as "
@@ -84,10 +57,10 @@ def _by_stem(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
     return files
 
 
-def read_recording_list(path: Path, placement: Alignment) -> tuple[RecordingFiles, ...]:
+def read_recording_list(path: Path, alignment: Alignment) -> tuple[RecordingFiles, ...]:
     """Reads a CSV file with columns ``video`` and ``audio``, and if wanted ``offset_s`` and ``yaw_deg``.
 
-    File names are relative to the list; an empty or missing offset or yaw is that of ``placement``.
+    File names are relative to the list; an empty or missing offset or yaw is that of ``alignment``.
 
     Raises:
         InputError: the file is missing or damaged, or a line lacks something; the line is named.
@@ -99,13 +72,13 @@ def read_recording_list(path: Path, placement: Alignment) -> tuple[RecordingFile
             f"{path}: column '{unknown[0]}' is unknown; the first line must be: video,audio or "
             "video,audio,offset_s,yaw_deg"
         )
-    return tuple(_listed(path.parent, line, placement) for line in table.lines)
+    return tuple(_listed(path.parent, line, alignment) for line in table.lines)
 
 
-def _listed(folder: Path, line: CsvLine, placement: Alignment) -> RecordingFiles:
+def _listed(folder: Path, line: CsvLine, alignment: Alignment) -> RecordingFiles:
     given = {column: text for column in ("offset_s", "yaw_deg") if (text := line.cells.get(column))}
     changes = {column: _number(text, column, line.where) for column, text in given.items()}
-    placed = replace(placement, **changes)  # type: ignore[arg-type]
+    placed = replace(alignment, **changes)  # type: ignore[arg-type]
     return RecordingFiles(folder / line.file_name("video"), folder / line.file_name("audio"), placed)
 
 

@@ -5,7 +5,7 @@ shards are made as simulated ones are (see :mod:`avssl_pyro.datasets.generation`
 """
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD, GenerationPlan, generate
 from avssl_pyro.datasets.manifest import Manifest, first_difference, read_json, to_json
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.clip_files import check_channels
 from avssl_pyro.io.dcase import DcaseRow, labels_between
 from avssl_pyro.recordings.candidates import ClipCandidate, Survey, survey
 from avssl_pyro.recordings.excerpts import read_excerpts
@@ -101,15 +100,7 @@ def open_for_array(recording: Recording, array: MicrophoneArray) -> Recording:
         InputError: the channels are not those of the array's microphones, one of them is dead, or the picture is none
             of 360 degrees.
     """
-    where = str(recording.audio.path)
-    if recording.channels is None:
-        check_channels(recording.audio.num_channels, array, where)
-        recording = replace(recording, channels=None if array.channels is None else array.channel_indices)
-    if recording.num_channels != array.num_microphones:
-        raise InputError(
-            f"{where}: {recording.num_channels} channel(s) are to be read, but array '{array.name}' has "
-            f"{array.num_microphones} microphones; name one channel for each."
-        )
+    recording = recording.with_channels_of(array)
     recording.check_picture()
     excerpts = read_excerpts(recording.audio.path)
     excerpts.select(recording.channels or range(excerpts.num_channels)).check_live(recording.audio.path)

@@ -2,16 +2,18 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS, SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.audio_stream import AudioFile
-from avssl_pyro.io.clip_files import fit_image, is_full_sphere
+from avssl_pyro.io.clip_files import check_channels, fit_image, is_full_sphere
 from avssl_pyro.io.projection_check import check_equirectangular
 from avssl_pyro.io.video_reader import VideoFile
 
@@ -19,6 +21,21 @@ __all__ = ["AudioFile", "Recording", "VideoFile"]
 
 _BLOCK_SECONDS = 4.0
 _GREY = 128
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Position of a recording's picture and channels relative to the array; :class:`Recording` explains each.
+
+    >>> Alignment(yaw_deg=90.0, mirror=True).offset_s
+    0.0
+    """
+
+    offset_s: float = 0.0
+    yaw_deg: float = 0.0
+    mirror: bool = False
+    elevation_range_deg: tuple[float, float] | None = None
+    channels: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -68,6 +85,42 @@ class Recording:
                 f"recording '{self.name}': audio ({self.audio.duration_s:.2f} s) and video ({self.video.duration_s:.2f}"
                 f" s) have no moment in common at an offset of {self.offset_s:g} s; check the offset."
             )
+
+    @classmethod
+    def open(cls, audio: Path, video: Path | None = None, alignment: Alignment | None = None) -> "Recording":
+        """The recording of two files, or of one.
+
+        Raises:
+            InputError: a file cannot be read, or the two do not fit together.
+        """
+        alignment = Alignment() if alignment is None else alignment
+        return cls(
+            audio.stem,
+            AudioFile(audio),
+            None if video is None else VideoFile(video),
+            offset_s=alignment.offset_s,
+            yaw_deg=alignment.yaw_deg,
+            mirror=alignment.mirror,
+            elevation_range_deg=alignment.elevation_range_deg,
+            channels=alignment.channels,
+        )
+
+    def with_channels_of(self, array: MicrophoneArray) -> "Recording":
+        """The recording with the channels it names itself, or else with those of the array's channel map.
+
+        Raises:
+            InputError: the channels are not those of the array's microphones.
+        """
+        where, recording = str(self.audio.path), self
+        if self.channels is None:
+            check_channels(self.audio.num_channels, array, where)
+            recording = replace(self, channels=None if array.channels is None else array.channel_indices)
+        if recording.num_channels != array.num_microphones:
+            raise InputError(
+                f"{where}: {recording.num_channels} channel(s) are to be read, but array '{array.name}' has "
+                f"{array.num_microphones} microphones; name one channel for each."
+            )
+        return recording
 
     @property
     def key(self) -> str:

@@ -10,20 +10,21 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.interruption import GracefulInterrupt
-from avssl_pyro.io.audio_stream import AudioFile
-from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.recordings.discovery import Alignment
 from avssl_pyro.recordings.excerpts import read_excerpts
-from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.recordings.recording import Alignment, Recording
 from avssl_pyro.tracking.timeline import Timeline, timeline_of_tracks, timeline_of_windows
 from avssl_pyro.tracking.tracker import WindowDetections, track
 
 WINDOW_S = 1.0
-# Results per second that take about as long as the recording lasts.
 ONE_PASS_RATE_HZ, REFINED_RATE_HZ = 10.0, 2.0
 # Windows that are in memory and localized together.
 BATCH = 8
+
+
+def default_rate_hz(refined: bool) -> float:
+    """Results per second that take about as long as the recording lasts."""
+    return REFINED_RATE_HZ if refined else ONE_PASS_RATE_HZ
 
 
 def open_recording(audio: Path, video: Path | None, array: MicrophoneArray, alignment: Alignment) -> Recording:
@@ -39,21 +40,7 @@ def open_recording(audio: Path, video: Path | None, array: MicrophoneArray, alig
         InputError: a file cannot be read, audio and video have less than a window in common, the number of channels is
             not that of the array, a channel is dead, or the picture is not equirectangular.
     """
-    recording = Recording(
-        audio.stem,
-        AudioFile(audio),
-        None if video is None else VideoFile(video),
-        offset_s=alignment.offset_s,
-        yaw_deg=alignment.yaw_deg,
-        mirror=alignment.mirror,
-        elevation_range_deg=alignment.elevation_range_deg,
-        channels=alignment.channels,
-    )
-    if recording.num_channels != array.num_microphones:
-        raise InputError(
-            f"{audio}: {recording.num_channels} channel(s), but array '{array.name}' has {array.num_microphones} "
-            "microphones; give a recording of that array, or an array file with the 'channels' of its microphones."
-        )
+    recording = Recording.open(audio, video, alignment).with_channels_of(array)
     if recording.duration_s < WINDOW_S:
         raise InputError(
             f"{audio}: sound and picture have {recording.duration_s:.2f} s in common; a result needs {WINDOW_S:g} s."

@@ -106,7 +106,7 @@ def test_a_manifest_gives_one_line_per_clip(checkpoint: Path, clip: tuple[Path, 
     manifest, out = tmp_path / "clips.csv", tmp_path / "results.jsonl"
     manifest.write_text(f"audio,image\n{audio.name},{image.name}\n{audio.name},{image.name}\n")
     overlays = tmp_path / "overlays"
-    options = ["--checkpoint", str(checkpoint), "--manifest", str(manifest), "--out", str(out)]
+    options = ["--checkpoint", str(checkpoint), "--clips", str(manifest), "--out", str(out)]
     main([*options, "--overlay", str(overlays)])
     lines = [json.loads(line) for line in out.read_text().splitlines()]
     assert len(lines) == 2
@@ -270,9 +270,9 @@ def test_bad_input_gets_one_sentence_and_leaves_nothing(
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        ("audio\nclip.wav\n", "column 'image' is missing"),
+        ("image\npano.png\n", "column 'audio' is missing"),
         ("audio,image\n", "holds nothing below its first line"),
-        ("audio,image\nclip.wav,\n", "line 2: column 'image' is empty"),
+        ("audio,image\n,pano.png\n", "line 2: column 'audio' is empty"),
         ("audio,image\nclip.wav,gone.png\n", "gone.png: no such image file"),
     ],
 )
@@ -286,9 +286,7 @@ def test_a_bad_manifest_is_told_with_its_line(
 ) -> None:
     manifest, out = tmp_path / "clips.csv", tmp_path / "out.jsonl"
     manifest.write_text(content)
-    assert says in refusal(
-        lambda: main(["--checkpoint", str(checkpoint), "--manifest", str(manifest), "--out", str(out)])
-    )
+    assert says in refusal(lambda: main(["--checkpoint", str(checkpoint), "--clips", str(manifest), "--out", str(out)]))
     assert not out.exists()
 
 
@@ -312,7 +310,7 @@ def test_clips_of_a_manifest_keep_their_sounds_apart(checkpoint: Path, clip: tup
     image, audio = clip
     manifest, out, folder = tmp_path / "clips.csv", tmp_path / "results.jsonl", tmp_path / "sounds"
     manifest.write_text(f"audio,image\n{audio.name},{image.name}\n{audio.name},{image.name}\n")
-    words = ["--checkpoint", str(checkpoint), "--manifest", str(manifest), "--out", str(out), "--thresholds.peak", "0"]
+    words = ["--checkpoint", str(checkpoint), "--clips", str(manifest), "--out", str(out), "--thresholds.peak", "0"]
     main([*words, "--separate", str(folder)])
     lines = [json.loads(line) for line in out.read_text().splitlines()]
     named = [source["separated"] for line in lines for source in line["sources"]]
@@ -377,3 +375,65 @@ def test_a_silent_clip_holds_nobody_and_is_told(
     assert captured.err == f"warning: {audio}: is silent throughout.\n"
     assert captured.out == "no sounding object found.\n"
     assert json.loads((tmp_path / "out.json").read_text())["sources"] == []
+
+
+def test_without_a_picture_one_json_object_goes_to_standard_output(
+    checkpoint: Path, clip: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["--checkpoint", str(checkpoint), "--audio", str(clip[1])])
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert printed.out.count("\n") == 1
+    assert result["audio"] == str(clip[1])
+    assert "image" not in result
+    assert all(-180 <= source["azimuth_deg"] < 180 for source in result["sources"])
+    assert "azimuth" in printed.err or "no sounding object" in printed.err
+
+
+def test_audio_alone_finds_the_talkers_of_a_scene(scene_folder: Path, tmp_path: Path) -> None:
+    dataset = SceneDataset(scene_folder, PRESETS["circle6"])
+    audio, out = tmp_path / "clip.wav", tmp_path / "result.json"
+    soundfile.write(audio, dataset[0].audio_mn.T, 16_000, subtype="FLOAT")
+    main(["--audio", str(audio), "--array", "circle6", "--out", str(out)])
+    found = [source["azimuth_deg"] for source in json.loads(out.read_text())["sources"]]
+    for azimuth in np.rad2deg(dataset.labels(0).talker_azimuths):
+        assert min(abs((one - azimuth + 180) % 360 - 180) for one in found) < 7.5
+
+
+def test_a_list_may_leave_out_pictures_and_keeps_the_names_of_its_clips(
+    checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image, audio = clip
+    listed = tmp_path / "clips.csv"
+    listed.write_text(f"audio,image\n{audio.name},{image.name}\n{audio.name},\n")
+    main(["--checkpoint", str(checkpoint), "--clips", str(listed)])
+    seen, heard = (json.loads(line) for line in capsys.readouterr().out.splitlines())
+    assert seen["audio"] == heard["audio"] == "clip.wav"
+    assert "image" in seen
+    assert "image" not in heard
+    listed.write_text(f"audio\n{audio.name}\n")
+    main(["--checkpoint", str(checkpoint), "--clips", str(listed)])
+    assert json.loads(capsys.readouterr().out)["sources"] == heard["sources"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--rounds", "0"], "without an image the posterior comes from refinement alone"),
+        (["--yaw", "90"], "--yaw is for whole recordings"),
+        (["--no-tracking"], "--no-tracking is for whole recordings"),
+        (["--out", "clip.wav"], "clip.wav: is read or written by the same command already"),
+    ],
+)
+def test_what_audio_alone_cannot_use_is_refused(
+    words: list[str],
+    says: str,
+    checkpoint: Path,
+    clip: tuple[Path, Path],
+    monkeypatch: pytest.MonkeyPatch,
+    refusal: Callable[[Callable[[], int | None]], str],
+) -> None:
+    monkeypatch.chdir(clip[1].parent)
+    before = clip[1].read_bytes()
+    assert says in refusal(lambda: main(["--checkpoint", str(checkpoint), "--audio", str(clip[1]), *words]))
+    assert clip[1].read_bytes() == before

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 import soundfile
 
-from avssl_pyro.cli import localize_recording
 from avssl_pyro.cli.localize import main
 from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.io.dcase import read_dcase
@@ -124,7 +123,7 @@ def test_an_interrupted_run_leaves_whole_lines_and_says_how_far_it_came(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr(localize_recording, "GracefulInterrupt", Impatient)
+    monkeypatch.setattr("avssl_pyro.interruption.GracefulInterrupt", Impatient)
     out, table, annotated = tmp_path / "out.jsonl", tmp_path / "out.csv", tmp_path / "out.mp4"
     more = ("--dcase", str(table), "--annotated", str(annotated), "--no-tracking", *ALL_CLASSES)
     assert main(arguments(checkpoint, recording, out, *more)) == 130

@@ -16,7 +16,7 @@ def test_a_folder_pairs_equal_names(tmp_path: Path) -> None:
     for name in ("b.mp4", "b.WAV", "a.avi", "a.flac", "c.wav", "d.mp4", "notes.txt"):
         (tmp_path / name).touch()
     pairs, alone = recordings_in_folder(tmp_path, Alignment(yaw_deg=5.0))
-    assert [(pair.video.name, pair.audio.name, pair.placement.yaw_deg) for pair in pairs] == [
+    assert [(pair.video.name, pair.audio.name, pair.alignment.yaw_deg) for pair in pairs] == [
         ("a.avi", "a.flac", 5.0),
         ("b.mp4", "b.WAV", 5.0),
     ]
@@ -31,8 +31,8 @@ def test_a_list_overrides_what_it_names(tmp_path: Path) -> None:
     path.write_text("video,audio,offset_s,yaw_deg\nx/v.mp4,a.wav,0.25,\nw.mp4,b.wav,,-90\n")
     first, second = read_recording_list(path, Alignment(offset_s=1.0, yaw_deg=2.0, mirror=True))
     assert (first.video, first.audio) == (tmp_path / "x/v.mp4", tmp_path / "a.wav")
-    assert (first.placement.offset_s, first.placement.yaw_deg, first.placement.mirror) == (0.25, 2.0, True)
-    assert (second.placement.offset_s, second.placement.yaw_deg) == (1.0, -90.0)
+    assert (first.alignment.offset_s, first.alignment.yaw_deg, first.alignment.mirror) == (0.25, 2.0, True)
+    assert (second.alignment.offset_s, second.alignment.yaw_deg) == (1.0, -90.0)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import SourceThresholds
-from avssl_pyro.recordings.discovery import Alignment
+from avssl_pyro.recordings.recording import Alignment
 from avssl_pyro.systems.pretrained import load_weights_of
 from avssl_pyro.tracking.recording_localizer import localize_recording, open_recording
 
