@@ -95,7 +95,8 @@ def main(args: Sequence[str] | None = None) -> int | None:
         InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`; bad input is found before
             anything is written.
     """
-    options = parse(args)
+    words = list(sys.argv[1:] if args is None else args)
+    options = parse(words)
     if options.rounds < 0:
         raise InputError(f"--rounds is {options.rounds}; give a number of rounds of refinement, or 0 for none.")
     if options.overlay is not None and options.clips is None and options.overlay.suffix.lower() != ".png":
@@ -104,7 +105,9 @@ def main(args: Sequence[str] | None = None) -> int | None:
         raise InputError(f"--separate {options.separate}: is a file; name a folder.")
     audio = _audio_of_recording(options)
     inputs = _inputs(options) if audio is None else []
-    model = _model(options)
+    # Without a choice of the user, clips with and without images have thresholds of their own.
+    thresholds = options.thresholds if any(word.startswith("--thresholds") for word in words) else None
+    model = _model(options, thresholds)
     out = None if options.out == STANDARD_OUTPUT else options.out
     if audio is not None:
         return localize_recording(options.recording, audio, out, model.array, model.localizer, options.rounds > 0)
@@ -123,13 +126,13 @@ def main(args: Sequence[str] | None = None) -> int | None:
     return None
 
 
-def _model(options: LocalizeOptions) -> "Model":
+def _model(options: LocalizeOptions, thresholds: SourceThresholds | None) -> "Model":
     from avssl_pyro.api.model import Model
 
     system, array = choose_system(options.checkpoint, options.array)
     weights = "shipped" if options.checkpoint is None else str(options.checkpoint)
     refinement = RefinementConfig(rounds=options.rounds) if options.rounds else None
-    return Model(system, array, weights, options.device, refinement, options.thresholds)
+    return Model(system, array, weights, options.device, refinement, thresholds)
 
 
 def _audio_of_recording(options: LocalizeOptions) -> Path | None:

@@ -414,6 +414,8 @@ def test_a_list_may_leave_out_pictures_and_keeps_the_names_of_its_clips(
     listed.write_text(f"audio\n{audio.name}\n")
     main(["--checkpoint", str(checkpoint), "--clips", str(listed)])
     assert json.loads(capsys.readouterr().out)["sources"] == heard["sources"]
+    main(["--checkpoint", str(checkpoint), "--audio", str(audio)])
+    assert json.loads(capsys.readouterr().out)["sources"] == heard["sources"]
 
 
 @pytest.mark.parametrize(
