@@ -25,8 +25,7 @@ from avssl_pyro.systems.pretrained import load_pretrained
 from avssl_pyro.systems.system import System
 from avssl_pyro.systems.trained_array import check_array
 from avssl_pyro.tracking.recording_localizer import (
-    ONE_PASS_RATE_HZ,
-    REFINED_RATE_HZ,
+    default_rate_hz,
     localize_recording,
     open_recording,
 )
@@ -208,7 +207,7 @@ class Model:
             alignment = replace(alignment, channels=self.array.channel_indices)
         recording = open_recording(Path(audio), None if video is None else Path(video), self.array, alignment)
         localizer = self.audio_only_localizer if video is None else self.localizer
-        rate_hz = (ONE_PASS_RATE_HZ if self._refinement is None else REFINED_RATE_HZ) if rate_hz is None else rate_hz
+        rate_hz = default_rate_hz(self._refinement is not None) if rate_hz is None else rate_hz
         return localize_recording(recording, localizer, rate_hz=rate_hz, tracking=tracking, progress=progress)
 
 
