@@ -25,7 +25,8 @@ from avssl_pyro.localization.posterior import (
 )
 
 if TYPE_CHECKING:
-    from avssl_pyro.api.model import Model, Result
+    from avssl_pyro.api.model import Model
+    from avssl_pyro.api.result import Result
 
 STANDARD_OUTPUT = Path("-")
 
