@@ -15,7 +15,6 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.evaluation.matching import angular_errors, gate_then_assign
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS, SourceThresholds, select_sources
 from avssl_pyro.separation.beamforming import Extraction, Masking, Mvdr, delay_and_sum
 from avssl_pyro.separation.separator import SeparationConfig, Separator
 from avssl_pyro.simulation.scenes import SceneSimulator
@@ -144,19 +143,18 @@ class PosteriorSeparation:
     """Sources localized and separated by the posterior, each assigned to the talker in its direction.
 
     Args:
-        localizer, thresholds: estimate the sources.
+        localizer: localizer of the mixtures.
         separators: filters by the name of the method.
         tolerance: largest angle between a talker and its source, radians.
     """
 
     localizer: Localizer
-    thresholds: SourceThresholds
     separators: Mapping[str, Separator]
     tolerance: float = float(np.deg2rad(10.0))
 
     def __call__(self, mixture: TalkerMixture) -> dict[str, Estimates]:
-        (posterior,) = self.localizer.posteriors([mixture.clip])
-        sources = select_sources(posterior, self.localizer.config.grid, self.thresholds)
+        (localization,) = self.localizer.localize([mixture.clip])
+        posterior, sources = localization.posterior, localization.sources
         found = [source.azimuth for source in sources]
         talkers, matched = gate_then_assign(angular_errors(mixture.azimuths, found), self.tolerance)
         source_of = dict(zip(talkers.tolist(), matched.tolist(), strict=True))
@@ -188,7 +186,7 @@ def default_methods(system: System, array: MicrophoneArray) -> list[SeparationMe
 
     return [
         DelayAndSumAtTruth(array, BASELINE),
-        PosteriorSeparation(Localizer(system, refinement=RefinementConfig()), REFINED_THRESHOLDS, separators(refined)),
-        PosteriorSeparation(Localizer(system), ONE_PASS_THRESHOLDS, separators(one_pass)),
+        PosteriorSeparation(Localizer(system, refinement=RefinementConfig()), separators(refined)),
+        PosteriorSeparation(Localizer(system), separators(one_pass)),
         OracleMasks({"oracle masks: Wiener": plain.extraction, "oracle masks: MVDR": Mvdr()}),
     ]

@@ -40,7 +40,7 @@ class Told(Localizer):
 
     def __init__(self, azimuths: Sequence[float]) -> None:
         torch.manual_seed(0)
-        super().__init__(build_system(SYSTEM))
+        super().__init__(build_system(SYSTEM), thresholds=SourceThresholds())
         self.azimuths = azimuths
 
     def posteriors(self, clips: Sequence[Clip]) -> list[ClipPosterior]:
@@ -53,7 +53,7 @@ class Told(Localizer):
 
 
 def separation(azimuths: Sequence[float]) -> PosteriorSeparation:
-    return PosteriorSeparation(Told(azimuths), SourceThresholds(), {"told": Separator(SYSTEM)})
+    return PosteriorSeparation(Told(azimuths), {"told": Separator(SYSTEM)})
 
 
 def test_the_parts_of_a_mixture_are_its_talkers_and_noise(mixture: TalkerMixture) -> None:
