@@ -44,7 +44,7 @@ __version__ = "0.1.0"
 
 # The module of every public name.
 _MODULES = {
-    "Alignment": "recordings.discovery",
+    "Alignment": "recordings.recording",
     "AmortizedGuide": "guides.amortized",
     "Clip": "clip",
     "ClipPosterior": "localization.posterior",

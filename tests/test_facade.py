@@ -1,5 +1,6 @@
 """`import avssl_pyro as av`: the public names, and what importing them costs."""
 
+import ast
 import importlib
 import subprocess
 import sys
@@ -31,8 +32,21 @@ def test_every_public_name_is_there(name: str) -> None:
     assert name in dir(av)
     value = getattr(av, name)
     assert value.__name__ == name
-    # One object, wherever it is imported from.
+    # One object, wherever it is imported from, and the facade has it from its own module.
     assert getattr(importlib.import_module(value.__module__), name) is value
+    assert value.__module__ == f"avssl_pyro.{av._MODULES[name]}"
+
+
+def test_type_checkers_see_the_same_names() -> None:
+    block = next(node for node in ast.parse(Path(av.__file__).read_text()).body if isinstance(node, ast.If))
+    seen = {
+        alias.name: str(node.module).removeprefix("avssl_pyro.")
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert seen == av._MODULES
+    assert sorted(seen) == sorted(av.__all__)
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
