@@ -1,4 +1,4 @@
-"""What all guides share: their parameters, the interfaces to them, and guides that are fitted clip by clip."""
+"""Parameters and interfaces of all guides, and the base of guides fitted clip by clip."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable

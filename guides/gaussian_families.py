@@ -1,4 +1,4 @@
-"""Families of Gaussians for single scenes, each fitted through one of Pyro's autoguides."""
+"""Families of Gaussians for single clips, each fitted through one of Pyro's autoguides."""
 
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -15,7 +15,7 @@ from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian
 from avssl_pyro.validators import at_least
 
 SITES = ["direction_weights", "mixing_levels"]
-# Loadings of shared factors to start with, relative to the spread: none at all would stay so.
+# Initial loadings of shared factors relative to the spread; zero loadings would stay zero.
 FIRST_LOADING = 0.1
 
 ClipModel = Callable[[Tensor, Tensor], None]
@@ -23,29 +23,29 @@ ClipModel = Callable[[Tensor, Tensor], None]
 
 
 class GaussianFamily(Protocol):
-    """A family of Gaussians of the unconstrained latents of one scene."""
+    """A family of Gaussians of the unconstrained latents of one clip."""
 
     def autoguide(
         self, model: ClipModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
     ) -> AutoGuide:
-        """An autoguide for the one clip that is given, its parameters those of ``start``."""
+        """An autoguide for the given clip, with the parameters of ``start``."""
         ...
 
     def posterior(self, autoguide: AutoGuide, num_sources: int) -> UnconstrainedGaussian:
-        """What the autoguide has learnt."""
+        """The Gaussian that the autoguide has been fitted to."""
         ...
 
 
 @frozen
 class MeanField:
-    """Every latent on its own: Pyro's AutoNormal."""
+    """Independent latents: Pyro's AutoNormal."""
 
     def autoguide(
         self, model: ClipModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
     ) -> AutoGuide:
         guide = AutoNormal(model, init_loc_fn=_at_means(start))
         _set_up(guide, x_bfmt, image_bcij)
-        # Set here and not through values of the sites, in which nearly empty classes cannot be told apart.
+        # Set here and not through values of the sites, which do not resolve nearly empty classes.
         guide.locs.mixing_levels.data.copy_(start.loc_bn[:, start.num_weights :])
         guide.scales.direction_weights = start.sigma_bkd
         guide.scales.mixing_levels = start.scale_bn[:, start.num_weights :]
@@ -61,7 +61,7 @@ class MeanField:
 
 @frozen
 class LowRank:
-    """Every latent on its own, and ``rank`` factors that they share: Pyro's AutoLowRankMultivariateNormal."""
+    """Independent latents plus ``rank`` shared factors: Pyro's AutoLowRankMultivariateNormal."""
 
     rank: int = field(default=8, validator=at_least(1))
 

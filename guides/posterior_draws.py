@@ -1,4 +1,4 @@
-"""Draws from the posterior of one clip, by whatever guide."""
+"""Draws from the posterior of one clip under any guide, and their predictions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -33,11 +33,11 @@ def draw_from(guide: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: int, se
     """Independent draws from a guide's posterior of one clip, all in one pass.
 
     Args:
-        guide: any guide of the sites ``direction_weights`` and ``mixing_levels``.
+        guide: guide of the sites ``direction_weights`` and ``mixing_levels``.
         x_fmt: spectrogram, complex (F, M, T).
         image_cij: picture, (3, I, J).
-        draws: S.
-        seed: of the draws.
+        draws: number of draws S.
+        seed: seed of the draws.
     """
     with seeded(seed, x_fmt.device), poutine.block(), poutine.trace() as tracer, pyro.plate("draws", draws, dim=-2):
         guide(x_fmt[None], image_cij[None])
@@ -54,19 +54,19 @@ def prior_draws(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: int, 
 
 
 @torch.no_grad()
-def log_likelihood(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws) -> Tensor:
-    """log p(x | w, pi) of every draw, (S,), as the model weighs it."""
+def draw_log_likelihoods(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws) -> Tensor:
+    """log p(x | w, pi) of every draw, (S,), with the model's bin weight."""
     likelihood = _likelihood(model, x_fmt, image_cij, draws)
     return likelihood["scale"] * likelihood["fn"].log_prob(x_fmt[None]).expand(len(draws), 1)[:, 0]
 
 
 @torch.no_grad()
 def replicate(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws, seed: int = 0) -> Tensor:
-    """One spectrogram like ``x_fmt`` from every draw, (S, F, M, T), as the model would make it.
+    """One spectrogram like ``x_fmt`` from every draw, (S, F, M, T), drawn from the model.
 
     Where the power spectral density is profiled out it is set to 1: the profiled density is, up to a constant, that of
     the direction ``x / |x|`` alone (a complex angular central Gaussian), which no power spectral density changes so
-    long as it is the same for all classes. What is told of such spectrograms must not depend on their power.
+    long as it is the same for all classes. Statistics of such spectrograms must not depend on their power.
     """
     mixture = _likelihood(model, x_fmt, image_cij, draws)["fn"]
     if isinstance(mixture, SpatialMixture) and not mixture.can_be_sampled:

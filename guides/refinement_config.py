@@ -1,4 +1,4 @@
-"""The settings of a refinement."""
+"""Settings of a refinement."""
 
 from attrs import field, frozen
 
@@ -7,17 +7,17 @@ from avssl_pyro.validators import at_least
 
 @frozen
 class RefinementConfig:
-    """How far and on what a posterior is refined.
+    """Settings of a refinement by MAP-EM.
 
     Args:
         rounds: most rounds of MAP-EM.
-        tolerance: a clip has arrived when its log posterior per time-frequency bin rises by less in a round.
-        softening: the networks' log-weights are multiplied by it to start with; a start that is too sure of itself
-            locks in, one that is flat forgets the picture.
-        image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu). The picture
-            decides where the climb starts in any case; with a weight it also holds it back.
-        extra_classes: source classes added to those of the networks; they start looking everywhere alike.
-        bin_step, frame_step: every how many frequencies and frames are used; neighbours tell nearly the same.
+        tolerance: gain of a round in log posterior per time-frequency bin below which a clip stops.
+        softening: factor of the networks' log-weights at the start; too large a factor fixes the classes, too small a
+            factor discards the picture.
+        image_weight: prior mean of log w, from 0 (the model's own prior) to 1 (the visual network's mu). The start
+            depends on the picture in any case.
+        extra_classes: number of classes added to those of the networks; they start with equal weights.
+        bin_step, frame_step: strides over frequencies and frames; neighbours are nearly redundant.
 
     >>> RefinementConfig(rounds=120).rounds
     120

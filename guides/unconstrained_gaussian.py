@@ -9,8 +9,8 @@ from pyro.distributions import TorchDistribution
 from torch import Tensor
 from torch.distributions import transforms
 
-# Stick fractions are kept where their logits are told apart; a class at the least level is silent anyway, and the
-# logit of one a sparse prior has emptied has a spread of a hundred, which no normal distribution should follow.
+# Range in which logits of stick fractions are resolved. A class at the least level is silent anyway, and the logit of
+# one that a sparse prior has emptied has a spread of a hundred, too wide for a normal distribution.
 MOST_LOGIT = 12.0
 LEAST_SCALE, MOST_SCALE = 0.02, 2.0
 
@@ -21,8 +21,8 @@ class UnconstrainedGaussian:
 
     Args:
         loc_bn: means, (B, N) with N = K D + K - 1.
-        scale_bn: standard deviations of what the latents do not share, (B, N).
-        factor_bnr: loadings of R factors that they share, (B, N, R); R may be 0.
+        scale_bn: standard deviations of the independent parts of the latents, (B, N).
+        factor_bnr: loadings of R shared factors, (B, N, R); R may be 0.
         num_sources: K.
     """
 
@@ -48,13 +48,13 @@ class UnconstrainedGaussian:
         return variance_bn[..., : self.num_weights].sqrt().unflatten(-1, (self.num_sources, -1))
 
     def clip(self, b: int) -> "UnconstrainedGaussian":
-        """That of one clip, still with an axis of clips."""
+        """The Gaussian of one clip, still with an axis of clips."""
         clip = slice(b, b + 1)
         return UnconstrainedGaussian(self.loc_bn[clip], self.scale_bn[clip], self.factor_bnr[clip], self.num_sources)
 
     @staticmethod
     def stack(clips: Sequence["UnconstrainedGaussian"]) -> "UnconstrainedGaussian":
-        """Those of several clips as one."""
+        """The Gaussians of several clips as one."""
         return UnconstrainedGaussian(
             torch.cat([clip.loc_bn for clip in clips]),
             torch.cat([clip.scale_bn for clip in clips]),
@@ -63,9 +63,9 @@ class UnconstrainedGaussian:
         )
 
     def sites_of(self, latent_bn: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """w (B, K, D) and pi (B, K) of unconstrained latents (B, N), and the log Jacobian (B,) of getting there."""
+        """w (B, K, D) and pi (B, K) of unconstrained latents (B, N), and the log Jacobian (B,)."""
         log_w_bn, stick_bk = latent_bn.split([self.num_weights, self.num_sources - 1], dim=-1)
-        # Its density needs the sticks, which cannot be told from the levels of classes that are nearly empty.
+        # Its density needs the sticks, which the levels of nearly empty classes do not determine.
         stick_breaking = transforms.StickBreakingTransform(cache_size=1)
         pi_bk = stick_breaking(stick_bk)
         jacobian_b = log_w_bn.sum(-1) + stick_breaking.log_abs_det_jacobian(stick_bk, pi_bk)
@@ -74,7 +74,7 @@ class UnconstrainedGaussian:
     def direction_posterior(self) -> TorchDistribution:
         """q(w), batch_shape (B,), event_shape (K, D)."""
         if not self.factor_bnr.shape[-1]:
-            # The same distribution, but one whose divergence from a log-normal prior torch knows.
+            # The same distribution in a form for which torch has the divergence from a log-normal prior.
             return dist.LogNormal(self.mu_bkd, self.sigma_bkd).to_event(2)
         n, shape = self.num_weights, self.mu_bkd.shape[-2:]
         log_w = dist.LowRankMultivariateNormal(
@@ -85,13 +85,13 @@ class UnconstrainedGaussian:
         )
 
     def level_posterior(self, w_bkd: Tensor) -> TorchDistribution:
-        """q(pi | w), batch_shape (B,), event_shape (K,): the shared factors are known from w as well as they can be.
+        """q(pi | w), batch_shape (B,), event_shape (K,): the shared factors are conditioned on w.
 
         With precision A = I + F_w^T S_w^-2 F_w the factors given w are N(A^-1 F_w^T S_w^-2 (log w - mu), A^-1).
         """
         n = self.num_weights
         loc_bn, scale_bn, factor_bnr = self.loc_bn[..., n:], self.scale_bn[..., n:], self.factor_bnr[..., n:, :]
-        # Its density needs the sticks, which cannot be told from the levels of classes that are nearly empty.
+        # Its density needs the sticks, which the levels of nearly empty classes do not determine.
         stick_breaking = transforms.StickBreakingTransform(cache_size=1)
         if not factor_bnr.shape[-1]:
             loc_bn = loc_bn.expand(*w_bkd.shape[:-2], -1)

@@ -1,1 +1,1 @@
-"""Generative models and their priors; written to be read and swapped."""
+"""Generative models, their priors and likelihoods."""

@@ -1,12 +1,12 @@
-"""The same model with its time-frequency masks kept as latent variables (Eqs. 5, 6), for exact enumeration.
+"""The generative model with time-frequency masks as latent variables (Eqs. 5, 6), for exact enumeration.
 
 ::
 
     clip    (dim -1):  w_kd, pi_k
     frame   (dim -2) x frequency (dim -3):  z_tf ~ Cat(pi),  x_tf | z_tf ~ N_C(0, lambda H_fz)
 
-Marginalising z with ``TraceEnum_ELBO`` must give what :class:`SpatialCGMM` gives; the conditional is written with plain
-complex algebra to make that a check.
+Marginalising z with ``TraceEnum_ELBO`` must agree with :class:`SpatialCGMM`. Plain complex algebra makes the two
+independent.
 """
 
 import math
@@ -30,9 +30,9 @@ class ProfiledBin(TorchDistribution):
     """N_C(0, lambda H) of one time-frequency bin with lambda at its maximum-likelihood value (Eqs. 7, 16).
 
     Args:
-        precision: H^-1, complex (..., M, M).
-        logdet: log det H, (...).
-        power_floor: added to lambda, (...).
+        precision: inverse covariance H^-1, complex (..., M, M).
+        logdet: log determinant of H, (...).
+        power_floor: power added to lambda, (...).
     """
 
     arg_constraints: ClassVar[dict[str, constraints.Constraint]] = {}
@@ -61,10 +61,10 @@ class ProfiledBin(TorchDistribution):
 class ExplicitMaskCGMM(SpatialCGMM):
     """:class:`SpatialCGMM` with a ``mask`` site per time-frequency bin; memory-hungry, for tests and small clips.
 
-    Takes the arguments of :class:`SpatialCGMM`; the only likelihood is the paper's.
+    Takes the arguments of :class:`SpatialCGMM`; the likelihood must be the paper's.
 
     Raises:
-        InputError: another likelihood.
+        InputError: the likelihood is another one.
     """
 
     def __init__(self, steering_fdm: Tensor, *args: Any, **kwargs: Any) -> None:

@@ -1,4 +1,4 @@
-"""Likelihoods of a spectrogram: small objects that return a distribution of x given w and pi, made to be swapped.
+"""Likelihoods of a spectrogram: small, exchangeable objects that return a distribution of x given w and pi.
 
 A likelihood may also return its density as a function of x^H H^-1 x (``density_generator``), for MAP-EM.
 """
@@ -25,12 +25,12 @@ class Likelihood(Protocol):
     def __call__(
         self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float
     ) -> TorchDistribution:
-        """Of x, batch_shape (B,), event_shape (F, M, T).
+        """Returns p(x | w, pi), batch_shape (B,), event_shape (F, M, T).
 
         Args:
-            template_dfmm: a_fd a_fd^H of every direction, complex (D, F, M, M).
+            template_dfmm: templates a_fd a_fd^H of every direction, complex (D, F, M, M).
             w_bkd, pi_bk: direction weights and mixing levels.
-            num_frames: T.
+            num_frames: number of frames T.
             diffuse: eps relative to the summed weights.
         """
         ...
@@ -60,8 +60,8 @@ class InverseGammaPsd:
     """Power spectral densities are latent, lambda ~ InvGamma(shape, scale), and integrated over: a complex Student t.
 
     Args:
-        shape: the larger, the closer to a Gaussian of one known power.
-        scale: in units of power of the spectrogram; a bin far below it tells nothing of directions.
+        shape: shape of the prior; the larger, the closer to a Gaussian of one known power.
+        scale: scale in units of power of the spectrogram; a bin far below it carries no information on directions.
     """
 
     shape: float = field(default=0.5, validator=positive)
@@ -89,11 +89,11 @@ class InverseGammaPsd:
 
 @frozen
 class FrameActivity:
-    """The paper's likelihood with levels of their own in every frame, for classes that pause.
+    """The paper's likelihood with separate levels in every frame, for classes that pause.
 
     Args:
-        activity: prior probability that a class sounds in a frame.
-        most_active: classes that may sound in one frame; None for all. Fewer are faster.
+        activity: prior probability that a class is active in a frame.
+        most_active: largest number of classes active in one frame; None for all. Fewer are faster.
     """
 
     activity: float = field(default=0.5, validator=between(0, 1))

@@ -1,7 +1,7 @@
-"""Priors of the spatial mixture: small objects that return a distribution, made to be swapped.
+"""Priors of the spatial mixture: small, exchangeable objects that return a distribution.
 
-Besides the distribution, a prior may say how the closed-form refinement folds it in (``pseudo_counts``,
-``of_log_weights``); one that does not is for guides that are fitted by gradients.
+MAP-EM also needs ``pseudo_counts`` of a level prior and ``of_log_weights`` of a direction prior; a prior without them
+goes with guides that are fitted by gradients.
 """
 
 import math
@@ -46,7 +46,7 @@ class DirectionPrior(Protocol):
 
 @frozen
 class SymmetricDirichlet:
-    """pi ~ Dir(alpha, ..., alpha); alpha = 1 likes all levels alike."""
+    """pi ~ Dir(alpha, ..., alpha); alpha = 1 is uniform over the simplex."""
 
     alpha: float = field(default=1.0, validator=positive)
 
@@ -54,7 +54,7 @@ class SymmetricDirichlet:
         return dist.Dirichlet(self.pseudo_counts(num_sources, like))
 
     def pseudo_counts(self, num_sources: int, like: Tensor) -> Tensor:
-        """Time-frequency bins that every class is given before anything is heard, (K,)."""
+        """Time-frequency bins of every class before any observation, (K,)."""
         return like.new_full((num_sources,), self.alpha)
 
 
@@ -71,10 +71,10 @@ class SparseDirichlet(SymmetricDirichlet):
 
 @frozen
 class StickBreaking:
-    """A Dirichlet process cut off after K classes (Sethuraman 1994): the first classes are the loud ones.
+    """A Dirichlet process cut off after K classes (Sethuraman 1994): the first classes are the loudest.
 
     Args:
-        concentration: the smaller, the fewer classes share the sound.
+        concentration: concentration of the process; the smaller, the fewer classes share the power.
     """
 
     concentration: float = field(default=1.0, validator=positive)
@@ -114,13 +114,13 @@ class LogNormalWeights:
         return dist.LogNormal(zero, like.new_full((), self.sigma)).to_event(2)
 
     def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:  # noqa: ARG002
-        """The same over log w."""
+        """This prior as one over log w."""
         return NormalLogWeights(self.sigma)
 
 
 @frozen
 class GammaWeights:
-    """w_kd ~ Gamma(shape, rate = shape), of mean 1; a small shape lets most directions fall silent."""
+    """w_kd ~ Gamma(shape, rate = shape), of mean 1; a small shape makes most directions silent."""
 
     shape: float = field(default=1.0, validator=positive)
 
@@ -129,7 +129,7 @@ class GammaWeights:
         return dist.Gamma(shape_kd, shape_kd).to_event(2)
 
     def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:  # noqa: ARG002
-        """The same over log w."""
+        """This prior as one over log w."""
         return GammaLogWeights(self.shape)
 
 
@@ -143,24 +143,24 @@ class HalfNormalWeights:
         return dist.HalfNormal(like.new_full((num_sources, num_directions), self.sigma)).to_event(2)
 
     def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:  # noqa: ARG002
-        """The same over log w."""
+        """This prior as one over log w."""
         return HalfNormalLogWeights(self.sigma)
 
 
 class _PositiveMixture(dist.MixtureSameFamily):
-    """Of log-normals; says that its draws are positive in words that autoguides understand."""
+    """A mixture of log-normals whose support autoguides recognise as positive."""
 
     support = constraints.positive
 
 
 @frozen
 class SpikeAndSlabWeights:
-    """log w_kd ~ share N(0, sigma^2) + (1 - share) N(-depth, sigma^2): a class sounds from few directions.
+    """log w_kd ~ share N(0, sigma^2) + (1 - share) N(-depth, sigma^2): a class covers few directions.
 
     Args:
-        share: of the directions that a class may sound from.
-        depth: how far below them the others are, in units of log w.
-        sigma: spread of either.
+        share: share of the directions that a class covers.
+        depth: distance of the other directions below them, in units of log w.
+        sigma: standard deviation of both components.
     """
 
     share: float = field(default=0.1, validator=between(0, 1))
@@ -173,7 +173,7 @@ class SpikeAndSlabWeights:
         return _PositiveMixture(dist.Categorical(part_kdj), components).to_event(2)
 
     def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:  # noqa: ARG002
-        """The same over log w."""
+        """This prior as one over log w."""
         share_j, mean_j = self._components(like)
         return MixedLogWeights(share_j.log(), mean_j, self.sigma)
 
@@ -183,14 +183,14 @@ class SpikeAndSlabWeights:
 
 @frozen
 class CircularWeights:
-    """log w_k ~ a Gaussian process around the circle, so that neighbours share.
+    """log w_k ~ a Gaussian process around the circle, with correlated neighbours.
 
     Two directions at an angle have covariance sigma^2 ((1 - rough) exp((cos(angle) - 1) / width^2) + rough [same]).
 
     Args:
-        sigma: of every log-weight.
-        width_deg: angle over which log-weights stay alike, degrees.
-        rough: share of the variance that neighbours do not have in common.
+        sigma: standard deviation of every log-weight.
+        width_deg: correlation length, degrees.
+        rough: share of the variance that is independent between neighbours.
     """
 
     sigma: float = field(default=1.0, validator=positive)
@@ -204,7 +204,7 @@ class CircularWeights:
         return dist.TransformedDistribution(process.to_event(1), [ExpTransform()])
 
     def covariance(self, num_directions: int, like: Tensor) -> Tensor:
-        """Of the log-weights of a class, (D, D)."""
+        """Covariance of the log-weights of a class, (D, D)."""
         azimuth_d = torch.from_numpy(DirectionGrid(num_directions).azimuths)
         closeness_dd = (azimuth_d[:, None] - azimuth_d).cos() - 1
         smooth_dd = torch.exp(closeness_dd / math.radians(self.width_deg) ** 2)
@@ -212,6 +212,6 @@ class CircularWeights:
         return (self.sigma**2 * ((1 - self.rough) * smooth_dd + self.rough * same_dd)).to(like)
 
     def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:
-        """The same over log w."""
+        """This prior as one over log w."""
         covariance_dd = self.covariance(num_directions, like.new_zeros((), dtype=torch.float64))
         return CorrelatedLogWeights(torch.linalg.inv(covariance_dd).to(like))

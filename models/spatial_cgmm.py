@@ -1,4 +1,4 @@
-"""The generative model: sources at unknown directions and levels make a multichannel spectrogram (Sec. III-C).
+"""The generative model of a multichannel spectrogram, from directions and levels of its sources (Sec. III-C).
 
 ::
 
@@ -6,6 +6,11 @@
                                          +--> x_tf (F, M, T)
       alpha_0 --> pi_k (K,) -------------+
       `------------------ plate "clip", B -----------------'
+
+    w_kd ~ LogNormal(0, sigma_0^2)          direction_weights, Eq. (11)
+    pi   ~ Dir(alpha_0)                     mixing_levels
+    H_fk = sum_d w_kd a_fd a_fd^H + eps I   Eq. (10), weights normalised to sum 1
+    x_tf ~ sum_k pi_k N_C(0, lambda_tfk H_fk)   spectrogram, Eqs. (8), (15), (16)
 """
 
 import pyro
@@ -27,16 +32,16 @@ class SpatialCGMM(PyroModule):
 
     Args:
         steering_fdm: steering vectors a_fd, complex (F, D, M); its precision is the model's.
-        num_sources: K, an upper bound on the sources of a clip plus one class for diffuse noise.
+        num_sources: number of classes K, an upper bound on the sources of a clip plus one for diffuse noise.
         level_prior: prior of pi (site ``mixing_levels``).
         direction_prior: prior of w (site ``direction_weights``).
-        diffuse: eps of Eq. (10) relative to the summed weights.
-        bin_weight: every observed time-frequency bin stands for so many, where others were left out (a subsampled
-            plate); it balances the likelihood against the priors.
+        diffuse: eps of Eq. (10) relative to the summed weights, without unit.
+        bin_weight: multiplicity of every observed time-frequency bin where others were left out (a subsampled plate);
+            it balances the likelihood against the priors.
         likelihood: p(x | w, pi) (site ``spectrogram``).
 
     Raises:
-        InputError: a number is out of its range, or a prior is of another shape than the model's.
+        InputError: a number is out of its range, or a prior has another shape than the model.
 
     >>> import pyro
     >>> from avssl_pyro.acoustics.grid import DirectionGrid
@@ -86,7 +91,7 @@ class SpatialCGMM(PyroModule):
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:  # noqa: ARG002
         like, num_directions = self.template_pairs, self.template_pairs.shape[0]
-        # Sums of a million log-likelihoods have no room for half precision, whatever the networks run in.
+        # Sums of a million log-likelihoods need full precision, also where the networks run in half.
         full_precision = torch.autocast(x_bfmt.device.type, enabled=False)
         with full_precision, pyro.plate("clip", x_bfmt.shape[0], dim=-1):
             w_bkd = pyro.sample("direction_weights", self.direction_prior(self.num_sources, num_directions, like))

@@ -1,7 +1,6 @@
-"""The ELBO by hand, Eqs. (15)-(19): the oracle that Pyro's estimators are checked against.
+"""The ELBO in closed form, Eqs. (15)-(19): the reference for Pyro's estimators.
 
-Written straight from the equations with plain complex algebra, sharing no code with the distributions. Nothing here
-takes part in training.
+It follows the equations with plain complex algebra and shares no code with the distributions or the training.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""A model, a guide and an estimator that are put together; those that do not fit are refused in a sentence."""
+"""Combinations of model, guide and ELBO estimator, with checks of their compatibility."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +14,7 @@ from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 
 def sampled_elbo(draws: int) -> ELBO:
-    """Trace_ELBO averaged over so many draws of the guide, all at once."""
+    """Trace_ELBO averaged over ``draws`` vectorised draws of the guide."""
     return Trace_ELBO(num_particles=draws, vectorize_particles=True, max_plate_nesting=1)
 
 
@@ -24,12 +24,12 @@ class Combination:
 
     Args:
         model: :class:`SpatialCGMM` or :class:`ExplicitMaskCGMM` with any priors and any likelihood.
-        guide: anything that samples the sites ``direction_weights`` and ``mixing_levels``.
-        estimator: ``Trace_ELBO()``, ``TraceMeanField_ELBO()`` (sampled where torch knows no KL), ``TraceEnum_ELBO()``
+        guide: guide of the sites ``direction_weights`` and ``mixing_levels``.
+        estimator: ``Trace_ELBO()``, ``TraceMeanField_ELBO()`` (sampled where torch has no KL), ``TraceEnum_ELBO()``
             (for explicit masks) or ``RenyiELBO()`` (to evaluate).
 
     Raises:
-        InputError: they do not fit together; the sentence says why, and what would.
+        InputError: the three are incompatible; the message gives the reason and an alternative.
     """
 
     model: SpatialCGMM
@@ -83,7 +83,7 @@ class Combination:
 
     def elbo(self, x_bfmt: Tensor, image_bcij: Tensor) -> float:
         """An estimate of the ELBO, or of Renyi's bound, summed over the clips, nats."""
-        # What is there is used, but Pyro's global store would keep new parameters, and a later SVI train them instead.
+        # Pyro's global store would keep new parameters, and a later SVI would train them instead.
         store = pyro.get_param_store()
         with torch.no_grad(), store.scope(store.get_state()):
             estimator: Any = self.estimator

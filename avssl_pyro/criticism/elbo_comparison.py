@@ -1,4 +1,4 @@
-"""Pyro's ELBO against the closed forms and against explicit masks, term by term and gradient by gradient."""
+"""Comparison of Pyro's ELBO with closed forms and explicit masks, by terms and gradients."""
 
 import math
 from collections.abc import Callable
@@ -21,11 +21,11 @@ class Difference:
     """One quantity computed in two ways.
 
     Args:
-        name: what.
-        reference: its value the other way.
-        value: its value by Pyro.
-        relative: ``|value - reference| / |reference|``; for gradients the largest difference over all parameters
-            relative to the largest gradient.
+        name: name of the quantity.
+        reference: reference value.
+        value: value by Pyro.
+        relative: relative difference ``|value - reference| / |reference|``; for gradients the largest difference over
+            all parameters relative to the largest gradient.
     """
 
     name: str
@@ -39,9 +39,9 @@ class SampledAgreement:
     """Single-sample Trace_ELBO losses against closed-form losses at the same noise, which differ by their KL terms.
 
     Args:
-        mean: of the Trace_ELBO losses.
+        mean: mean of the Trace_ELBO losses.
         reference: mean of the closed-form losses.
-        standard_error: of the mean difference.
+        standard_error: standard error of the mean difference.
     """
 
     mean: float
@@ -61,11 +61,11 @@ def mean_field_differences(system: System, x_bfmt: Tensor, image_bcij: Tensor, s
     assert estimator.terms is not None
     reference: list[ClosedFormTerms] = []
 
-    def by_hand() -> Tensor:
+    def closed_form() -> Tensor:
         reference.append(_closed_form(system, x_bfmt, image_bcij))
         return reference[0].loss
 
-    reference_loss, reference_gradient = _evaluate(system, seed, by_hand)
+    reference_loss, reference_gradient = _evaluate(system, seed, closed_form)
     pairs = {
         "log likelihood": (reference[0].log_likelihood_b, estimator.terms.log_likelihood_b),
         "KL of w": (reference[0].kl_weights_b, estimator.terms.kl_b["direction_weights"]),

@@ -21,7 +21,7 @@ from torch import Tensor, nn
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.posterior_draws import PosteriorDraws, log_likelihood, prior_draws, replicate
+from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_log_likelihoods, prior_draws, replicate
 
 SECTORS = ("ahead", "left", "behind", "right")
 BINS = 10
@@ -61,7 +61,7 @@ def quantities(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: Poster
         **{f"power {name}": power_sd[:, sector_d == index].sum(-1) for index, name in enumerate(SECTORS[:3])},
         "sharpness": (draws.pi_sk * share_skd.amax(-1)).sum(-1),
         "mean log w": draws.w_skd.log().mean((-2, -1)),
-        "log likelihood": log_likelihood(model, x_fmt, image_cij, draws),
+        "log likelihood": draw_log_likelihoods(model, x_fmt, image_cij, draws),
     }
 
 

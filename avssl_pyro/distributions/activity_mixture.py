@@ -1,4 +1,4 @@
-"""The spatial mixture with levels of their own in every frame: a class is on or off, and those that are on share it."""
+"""The spatial mixture with classes that are on or off in every frame."""
 
 from itertools import product
 
@@ -20,12 +20,12 @@ class ActivityMixture(SpatialMixture):
         frame t:  s_t (not all off) ──► pi_t ──► z_tf ──► x_tf    frequency f, given the frame
 
     The patterns s_t in {0, 1}^K, of which silence and those with more than ``most_active`` classes are ruled out, are
-    summed over exactly. Speech that pauses does not cost its talker's level: pi is the share of a class while it is on.
+    summed over exactly. Pauses do not lower the level of a talker: pi is the share of a class while it is on.
 
     Args:
         template_dfmm, w, pi, num_frames, diffuse, psd_bfkt: as of :class:`SpatialMixture`; K at most 10.
         activity: prior probability that a class is on, between 0 and 1.
-        most_active: classes that may be on in a frame; None for all. Fewer are faster.
+        most_active: largest number of classes that are on in a frame; None for all. Fewer are faster.
 
     Raises:
         ValueError: too many classes, or as :class:`SpatialMixture`.
@@ -51,7 +51,7 @@ class ActivityMixture(SpatialMixture):
         self.activity = activity
         most_active = pi.shape[-1] if most_active is None else most_active
         patterns = product((0.0, 1.0), repeat=pi.shape[-1])
-        # All that are possible, (S, K), made once: every evaluation asks for them several times.
+        # All possible patterns, (S, K), made once because every evaluation uses them several times.
         self._patterns_sk = pi.new_tensor([pattern for pattern in patterns if 0 < sum(pattern) <= most_active])
         super().__init__(
             template_dfmm,
@@ -64,13 +64,13 @@ class ActivityMixture(SpatialMixture):
         )
 
     def _log_prior_s(self) -> Tensor:
-        """Of every pattern, given that it is possible."""
+        """log p(s) of every possible pattern, (S,)."""
         pattern_sk = self._patterns_sk
         on = pattern_sk.new_tensor(self.activity).logit()
         return (on * pattern_sk.sum(-1)).log_softmax(-1)
 
     def _frames(self, value: Tensor | ObservedSpectrogram) -> tuple[Tensor, Tensor]:
-        """log p(x_t, s_t), (B..., S, T), and p(x_tf | z_tf = k) over that of the likeliest class, (B..., F, K, T)."""
+        """log p(x_t, s_t), (B..., S, T), and p(x_tf | z_tf = k) relative to the likeliest class, (B..., F, K, T)."""
         component_bfkt = self.component_log_prob(value)
         highest_bf1t = component_bfkt.detach().amax(-2, keepdim=True)
         relative_bfkt = (component_bfkt - highest_bf1t).exp()

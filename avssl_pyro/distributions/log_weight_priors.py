@@ -1,7 +1,7 @@
-"""Priors of direction weights as the closed-form ascent wants them: over log w, with gradient and curvature.
+"""Priors of log direction weights with the gradient and curvature that MAP-EM needs.
 
-Densities are those of log w, the Jacobian included, for a guide that is normal in log w has its best mean near their
-mode and not near that of the density of w. Every class is a draw of its own; all tensors broadcast against (B, K, D).
+Densities are over log w and include the Jacobian, because the best guide that is normal in log w has its mean near
+the mode of that density. Classes are independent; all tensors broadcast against (B, K, D).
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from torch import Tensor
 
 
 class LogWeightPrior(Protocol):
-    """What the ascent asks of a prior of log w."""
+    """Interface of a prior of log w to MAP-EM."""
 
     def log_density(self, log_w_bkd: Tensor) -> Tensor:
         """log p summed over classes and directions, up to a constant, (B,)."""
@@ -26,28 +26,31 @@ class LogWeightPrior(Protocol):
         """Diagonal of a curvature that bounds -log p from above around log w, not negative, (B, K, D).
 
         Args:
-            log_w_bkd: where.
-            variance_bkd: take its mean over a normal distribution about log w of this variance.
+            log_w_bkd: point of evaluation.
+            variance_bkd: variance of a normal distribution about log w over which the mean is taken.
         """
         ...
 
     def newton_step(self, gradient_bkd: Tensor, curvature_bkd: Tensor, log_w_bkd: Tensor) -> Tensor:
-        """The step that the sum of this prior and a function with the given diagonal curvature takes, (B, K, D).
+        """Newton step of the sum of this prior and a function with the given diagonal curvature, (B, K, D).
 
         Args:
-            gradient_bkd: of the sum, this prior's part included.
-            curvature_bkd: of the other function alone, positive.
-            log_w_bkd: where.
+            gradient_bkd: gradient of the sum.
+            curvature_bkd: curvature of the other function alone, positive.
+            log_w_bkd: point of evaluation.
         """
         ...
 
     def shift(self, log_w_bkd: Tensor) -> Tensor:
-        """What to add to all log-weights of a class to please the prior, (B, K, 1); the likelihood does not care."""
+        """Shift of all log-weights of a class to the scale of greatest prior density, (B, K, 1).
+
+        The likelihood does not depend on it.
+        """
         ...
 
 
 class _Independent:
-    """Directions know nothing of each other, so a Newton step is a division."""
+    """Base of priors with independent directions, for which a Newton step is a division."""
 
     def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:
         raise NotImplementedError
@@ -115,13 +118,13 @@ class HalfNormalLogWeights(_Independent):
 
 @dataclass(frozen=True)
 class MixedLogWeights(_Independent):
-    """log w ~ sum_j share_j N(mean_j, sigma^2); EM's bound at the current responsibilities stands in for it.
+    """log w ~ sum_j share_j N(mean_j, sigma^2); bounded by EM at the current responsibilities.
 
     Between the components the density is flatter than the bound, and spreads made with it are too small there.
 
     Args:
-        log_share_j, mean_j: of the components, (J,).
-        sigma: that all of them have.
+        log_share_j, mean_j: log shares and means of the components, (J,).
+        sigma: standard deviation of all components.
     """
 
     log_share_j: Tensor

@@ -13,7 +13,7 @@ from torch import Tensor
 from avssl_pyro.acoustics.covariance import form_coefficients, inverse_and_logdet, outer_features
 
 # Added to every power spectral density, as a share of the clip's mean power: a bin of digital silence would have
-# lambda = 0 and an infinite likelihood under every source, though it tells nothing of directions. -100 dB is below the
+# lambda = 0 and an infinite likelihood under every source, without information on directions. -100 dB is below the
 # quantisation noise of a 16-bit recording.
 RELATIVE_POWER_FLOOR = 1e-10
 # The floor of a clip that is silent throughout, relative to a largest magnitude of 1.
@@ -22,13 +22,13 @@ ABSOLUTE_POWER_FLOOR = 1e-30
 
 @dataclass(frozen=True)
 class ObservedSpectrogram:
-    """What the likelihood needs to know of x, computed once however often the likelihood is evaluated.
+    """Sufficient statistics of x, computed once for all evaluations of the likelihood.
 
     Args:
-        features_bfct: real features of x x^H, (B..., F, M^2, T), of x scaled to a largest magnitude of 1.
+        features_bfct: real features of x x^H with x scaled to a largest magnitude of 1, (B..., F, M^2, T).
         log_scale_b: logarithm of the scale taken out, (B...).
-        floor_b: the power floor of the scaled x, (B...).
-        num_microphones: M.
+        floor_b: power floor of the scaled x, (B...).
+        num_microphones: number of microphones M.
     """
 
     features_bfct: Tensor
@@ -38,7 +38,7 @@ class ObservedSpectrogram:
 
 
 def observe(x_bfmt: Tensor) -> ObservedSpectrogram:
-    """Prepares a complex spectrogram (B..., F, M, T) for :func:`component_log_likelihood`.
+    """Sufficient statistics of a complex spectrogram (B..., F, M, T).
 
     Scaling by the largest magnitude first keeps squares within float32 for any finite input.
     """
@@ -69,7 +69,7 @@ def quadratic_form(observed: ObservedSpectrogram, inverse_bkfmm: Tensor) -> Tens
 
 
 def isotropic_log_likelihood(observed: ObservedSpectrogram) -> Tensor:
-    """log p(x) with H = I in every bin, (B...): what a model knows that has no directions, for comparison."""
+    """log p(x) with H = I in every bin, (B...): the reference without directions."""
     m = observed.num_microphones
     power_bft = observed.features_bfct[..., :m, :].sum(-2) + m * observed.floor_b[..., None, None]
     bias_b = 2 * m * observed.log_scale_b + m * (1 + math.log(math.pi / m))

@@ -1,4 +1,4 @@
-"""Draws by a seed of their own, which change nothing of what others draw before or after."""
+"""Draws by a separate seed, without effect on torch's global generator."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -31,15 +31,15 @@ class SpatialMixture(TorchDistribution):
     proper mixture and the distribution can be sampled.
 
     Args:
-        template_dfmm: a_fd a_fd^H, complex64 or complex128 (D, F, M, M); see ``template_covariances``.
+        template_dfmm: templates a_fd a_fd^H, complex64 or complex128 (D, F, M, M); see ``template_covariances``.
         w: positive direction weights, (B..., K, D); only their ratios matter.
         pi: mixing levels, (B..., K), summing to 1.
-        num_frames: T.
+        num_frames: number of frames T.
         diffuse: eps relative to the summed weights; at least 1e-3 in complex64.
         psd_bfkt: power spectral densities lambda, (B..., F, K, T), or None.
 
     Raises:
-        ValueError: shapes do not agree or ``diffuse`` is below what the precision can invert.
+        ValueError: shapes do not agree, or ``diffuse`` is too small to invert covariances in this precision.
     """
 
     arg_constraints: ClassVar[dict[str, constraints.Constraint]] = {
@@ -83,7 +83,7 @@ class SpatialMixture(TorchDistribution):
 
     def expand(self, batch_shape: Any, _instance: Any = None) -> "SpatialMixture":
         new: SpatialMixture = type(self).__new__(type(self)) if _instance is None else _instance
-        # Everything, so that mixtures with parameters of their own need no expand of their own.
+        # Everything, so that subclasses with more parameters need no expand.
         new.__dict__.update(self.__dict__)
         batch_shape = Size(batch_shape)
         new.w = self.w.expand(batch_shape + self.w.shape[-2:])

@@ -20,12 +20,12 @@ class StudentMixture(SpatialMixture):
         p(x | k) = scale^a Gamma(a + M) / (pi^M Gamma(a) det H) (scale + x^H H^-1 x)^-(a + M),   a = shape.
 
     Both parameters going to 0 leads back to the profiled Gaussian of Eq. (16), up to a constant: that is Jeffreys'
-    prior of lambda. Bins far below the scale tell nothing of directions.
+    prior of lambda. Bins far below the scale carry no information on directions.
 
     Args:
         template_dfmm, w, pi, num_frames, diffuse: as of :class:`SpatialMixture`.
-        psd_shape: of the inverse gamma prior, positive.
-        psd_scale: of it, positive, in units of power of the spectrogram.
+        psd_shape: shape of the inverse gamma prior, positive.
+        psd_scale: scale of the inverse gamma prior, positive, in units of power of the spectrogram.
     """
 
     def __init__(

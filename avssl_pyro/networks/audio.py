@@ -1,4 +1,4 @@
-"""AudioNet: listens towards every direction and tells how much of the sound each source class makes."""
+"""AudioNet: a network from beamformed log power to the mixing level of every source class (Fig. 3 b)."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from torch import Tensor, nn
 class DilatedSeparableConv(nn.Module):
     """Dilated depthwise-separable convolution over time with batch norm, leaky ReLU and a residual connection.
 
-    Works on (B, C, D, T): time is filtered, directions (or sources) are left alone.
+    Works on (B, C, D, T): filters over time, separately for every direction (or source).
     """
 
     def __init__(self, channels: int, dilation: int, dropout: float) -> None:
@@ -31,8 +31,8 @@ class AudioNet(nn.Module):
 
     Delay-and-sum beamforming towards all D directions, log amplitude, normalisation per frequency, frequencies as
     channels, convolutions over time, directions combined into sources by w (Eq. 3), convolutions, average over
-    time, affine, softmax over sources. Beyond the paper, a source is compared with the others before the affine map:
-    whether it sounds or only lies beside one that does cannot be told from itself alone.
+    time, affine, softmax over sources. Beyond the paper, a source is compared with the others before the affine map,
+    because its own features do not separate a source from the neighbour of one.
 
     Args:
         steering_fdm: steering vectors, complex (F, D, M).
@@ -40,9 +40,9 @@ class AudioNet(nn.Module):
         direction_dilations: dilations of the convolutions before directions are combined.
         source_dilations: dilations of the convolutions after.
         dropout: probability in every block.
-        most_bins: of the frequencies given, every n-th is listened to, so that there are at most so many; that keeps
-            what speech tells about directions at a fraction of the cost.
-        pooled_frames: so many frames are averaged in power before the logarithm.
+        most_bins: largest number of frequencies; every n-th of the given ones is used, which keeps the information of
+            speech on directions at a fraction of the cost.
+        pooled_frames: number of frames averaged in power before the logarithm.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class AudioNet(nn.Module):
         particles = share_bkd.shape[:-3]
         b, _, d, _ = feature_bcdt.shape
         k = share_bkd.shape[-2]
-        # Eq. (3): v_ck = sum_d w_kd u_cd, one product per clip whatever the number of particles.
+        # Eq. (3): v_ck = sum_d w_kd u_cd, one product per clip for any number of particles.
         stacked_bkd = share_bkd.reshape(-1, b, k, d).transpose(0, 1).reshape(b, -1, d)
         source_bckt = torch.einsum("bkd,bcdt->bckt", stacked_bkd, feature_bcdt)
         pooled_bpkc = self.over_sources(source_bckt).mean(dim=-1).transpose(1, 2).unflatten(1, (-1, k))

@@ -1,4 +1,4 @@
-"""Turns and mirrors panoramas at random: augmentation that any array allows, for the network alone looks from there."""
+"""Random yaw and mirroring of panoramas: augmentation of the visual network that no array limits."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,12 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class RandomYawFlip:
-    """A yaw of whole directions and perhaps a mirror, for each clip its own.
+    """A yaw by whole directions and an optional mirror, separately for each clip.
 
     Args:
-        num_directions: D.
-        turn_b1: directions by which the view is turned, integers, (B, 1).
-        sign_b1: 1, or -1 for a mirrored view, (B, 1).
+        num_directions: number of directions D.
+        turn_b1: yaw in directions, integers, (B, 1).
+        sign_b1: sign of the azimuth, -1 for a mirrored view, (B, 1).
     """
 
     num_directions: int
@@ -28,7 +28,7 @@ class RandomYawFlip:
         return cls(num_directions, turn_b1, sign_b1)
 
     def apply(self, x: Tensor) -> Tensor:
-        """What is seen from there of ``x``, (B, ..., J), whose columns go round the circle; J is a multiple of D."""
+        """The view of ``x``, (B, ..., J), whose columns go round the circle; J is a multiple of D."""
         return x.gather(-1, self._source_columns(x))
 
     def undo(self, x: Tensor) -> Tensor:

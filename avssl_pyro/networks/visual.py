@@ -1,4 +1,4 @@
-"""VisualNet: a small U-Net that turns a 360-degree image into one log-weight per source class and direction."""
+"""VisualNet: a small U-Net from a 360-degree image to log-weights per source class and direction (Fig. 3 a)."""
 
 import math
 from collections.abc import Sequence
@@ -69,16 +69,17 @@ class VisualNet(nn.Module):
     The decoder ends at a quarter of the image's resolution, which is one column per direction of the usual grid.
 
     Args:
-        num_sources: K.
-        num_directions: D; the image width must be a multiple of it, so that columns and directions stay aligned.
+        num_sources: number of classes K.
+        num_directions: number of directions D; the image width is a multiple of it, so that columns and directions stay
+            aligned.
         channels: width of the U-Net at each halving of the resolution, the first at half the image's; at least two.
         dropout: probability after the bottleneck and before the 1x1 convolutions.
-        circular: pad along azimuth as if the left and right edges were joined.
-        position_channels: feed sine and cosine of azimuth as well, by which source classes can divide the circle
-            among themselves; without them and anchors a circular network cannot tell directions apart.
+        circular: whether padding along azimuth joins the left and right edges.
+        position_channels: whether sine and cosine of azimuth are inputs, by which classes can divide the circle;
+            without them and anchors a circular network does not distinguish directions.
         anchor_gain: height of the broad, learned bump of log-weight that every class starts with, centred on
             directions evenly spaced over the circle, so that no two classes compete for one sector; 0 for none.
-        augment: show each picture turned and mirrored at random while training, and turn the answer back.
+        augment: whether training turns and mirrors each picture at random, and the output back.
     """
 
     def __init__(

@@ -86,7 +86,7 @@ def _stored_responses(array: MicrophoneArray) -> dict[str, Tensor]:
     if not isinstance(array.steering, MeasuredKind):
         return {}
     measured = array.steering.measured()
-    # Single precision, as that of the model; as pairs, for not every reader of the format knows complex numbers.
+    # Single precision like the model; as pairs, because not every reader of the format has complex numbers.
     response_dmn = torch.from_numpy(measured.response_dmn).to(torch.complex64)
     return {
         AZIMUTHS: torch.from_numpy(measured.azimuths_d),

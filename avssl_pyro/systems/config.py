@@ -1,4 +1,4 @@
-"""The settings of a model and of a guide, and the names of the pretrained systems."""
+"""Settings of model and guide, and the names of the pretrained systems."""
 
 from attrs import field, frozen
 
@@ -16,15 +16,15 @@ _PROBABILITY = Requirement(lambda value: 0 <= value < 1, "at least 0 and below 1
 
 @frozen
 class ModelConfig:
-    """The generative model and its priors.
+    """Settings of the generative model and its priors.
 
     Args:
-        num_sources: K, source classes including one for diffuse noise.
-        num_directions: D, directions of the horizontal grid.
+        num_sources: number of source classes K, one for diffuse noise included.
+        num_directions: number of directions D of the horizontal grid.
         alpha: concentration of the Dirichlet prior of mixing levels (alpha_0).
         sigma: scale of the log-normal prior of direction weights (sigma_0).
         diffuse: diffuse power relative to the summed weights (epsilon).
-        bin_weight: every observed time-frequency bin stands for so many, where the STFT leaves some out.
+        bin_weight: multiplicity of every observed time-frequency bin, where the STFT leaves some out.
     """
 
     num_sources: int = field(default=4, validator=at_least(1))
@@ -37,21 +37,21 @@ class ModelConfig:
 
 @frozen
 class GuideConfig:
-    """The guide and its networks.
+    """Settings of the guide and its networks.
 
     Args:
-        audio_net: estimate mixing levels with the audio network; without it they are 1/K ("w/o Aud").
+        audio_net: whether the audio network estimates mixing levels; without it they are 1/K ("w/o Aud").
         visual_channels: width of the U-Net at every level, at least two.
         audio_channels: width of the audio network.
         dropout: dropout probability in both networks.
-        circular: join the left and right image edges in the visual network.
-        position_channels: show the visual network each pixel's azimuth.
-        anchor_gain: give every class of the visual network a sector of its own to start with, by a bump of log-weight
-            of this height; 0 for none.
-        augment: train the visual network on pictures turned and mirrored at random.
+        circular: whether the visual network joins the left and right edges of the image.
+        position_channels: whether the visual network gets the azimuth of each pixel.
+        anchor_gain: height of the bump of log-weight that gives every class of the visual network a separate sector at
+            the start; 0 for none.
+        augment: whether the visual network trains on pictures turned and mirrored at random.
         initial_sigma: sigma_k before training.
         initial_beta: beta before training.
-        diffuse_class: keep one of the source classes for diffuse noise, its direction weights all alike.
+        diffuse_class: whether one of the source classes has equal direction weights, for diffuse noise.
     """
 
     audio_net: bool = True

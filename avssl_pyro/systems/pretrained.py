@@ -17,10 +17,10 @@ class Pretrained:
     """A system with shipped weights.
 
     Args:
-        system: model and guide for the array that was asked for, in evaluation mode.
+        system: model and guide for the given array, in evaluation mode.
         trained_with: name of the array the weights were trained with.
-        native: whether that is the array asked for. If not, the visual network, which knows of no array, serves as well
-            as ever, and so do refined posteriors, which start from it; the audio network was made for other beams.
+        native: whether that is the given array. If not, only the audio network suffers, which was trained on other
+            beams; the visual network and refined posteriors do not depend on it.
     """
 
     system: System
@@ -29,7 +29,7 @@ class Pretrained:
 
     @property
     def sentence(self) -> str:
-        """What a user should know."""
+        """A sentence for the user on the origin of the weights."""
         array = self.system.config.array.name
         if self.native:
             return f"using the weights that come with the package for array '{array}'."

@@ -22,7 +22,7 @@ from avssl_pyro.systems.config import GuideConfig, ModelConfig
 
 @dataclass(frozen=True)
 class SystemConfig:
-    """All that is needed to rebuild a system before its weights are loaded.
+    """Configuration of a system, enough to rebuild it before its weights are loaded.
 
     >>> from avssl_pyro.acoustics.presets import PRESETS
     >>> SystemConfig(PRESETS["circle4"]).steering().shape
@@ -47,7 +47,7 @@ class SystemConfig:
         return DirectionGrid(self.model.num_directions)
 
     def steering(self, dtype: torch.dtype = torch.complex64) -> Tensor:
-        """Steering vectors of the array, of whatever kind it is, (F, D, M)."""
+        """Steering vectors of the array, (F, D, M)."""
         return self.array.steering_vectors(self.grid, self.stft.frequencies).to(dtype)
 
 
@@ -65,10 +65,11 @@ class System:
     guide: AmortizedGuide | UniformLevelGuide
 
     def model_with(self, **parts: Any) -> SpatialCGMM:
-        """This system's model with other parts, for a change of one thing at a time.
+        """This system's model with other parts.
 
         Args:
-            parts: ``level_prior``, ``direction_prior``, ``likelihood`` or any other argument of :class:`SpatialCGMM`.
+            parts: arguments to replace: ``level_prior``, ``direction_prior``, ``likelihood`` or any other of
+                :class:`SpatialCGMM`.
         """
         own = self.model
         usual = {

@@ -1,4 +1,4 @@
-"""The settings of one training, and the presets they start from."""
+"""Settings of a training run, and their presets."""
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,18 +15,18 @@ ARRAY_OF_DATA = "data"
 
 @attrs.frozen
 class DistillationConfig:
-    """How refined posteriors teach the guide.
+    """Settings of the distillation of refined posteriors into the guide.
 
     Args:
-        weight: of the cross-entropy of directions, in nats per clip, beside the ELBO per time-frequency bin; 0 turns
-            it off.
-        level_weight: the same of the cross-entropy of levels, whose gradient has the scale of the ELBO's; nothing to
-            a guide without an audio network.
+        weight: weight of the cross-entropy of directions (nats per clip) relative to the ELBO per time-frequency bin; 0
+            turns it off.
+        level_weight: weight of the cross-entropy of levels (nats per clip); without effect on a guide without an audio
+            network.
         rounds: rounds of MAP-EM behind a target.
-        softening: the log-weights are multiplied by it to start with, as in a refinement.
+        softening: factor of the log-weights at the start, as in a refinement.
         smoothing_deg: standard deviation of the kernel that targets are smoothed with over directions, degrees.
-        warmup: share of the training over which the weights rise from 0; the first starts are worth nothing.
-        frame_step: every how many frames are used for targets.
+        warmup: share of the training over which the weights rise from 0; early targets are of no use.
+        frame_step: stride over the frames used for targets.
     """
 
     weight: float = attrs.field(default=0.0, validator=at_least(0))
@@ -38,27 +38,27 @@ class DistillationConfig:
     frame_step: int = attrs.field(default=2, validator=at_least(1))
 
     def strength_at(self, step: int, total_steps: int) -> float:
-        """What the weights are multiplied by at a step of the training; 0 if there is nothing to teach."""
+        """Factor of the weights at a step of the training; 0 without distillation."""
         return min(1.0, step / max(1.0, self.warmup * total_steps)) if self.weight or self.level_weight else 0.0
 
 
 @attrs.frozen
 class OptimizationConfig:
-    """How a system is trained.
+    """Settings of the optimiser and of the loop over the data.
 
     Args:
         epochs: passes over the data.
         batch_size: clips per process and step.
-        learning_rate: of AdamW, at its highest.
-        weight_decay: of AdamW.
+        learning_rate: highest learning rate of AdamW.
+        weight_decay: weight decay of AdamW.
         warmup_steps: steps over which the learning rate rises from 0.
         final_learning_rate: learning rate of the last step as a share of the highest; a cosine leads there.
         gradient_clip: largest norm of the gradient of the loss: the ELBO per time-frequency bin and, if any, targets.
-        seed: of weights, noise and order.
+        seed: seed of weights, noise and order.
         num_workers: processes that read ahead, of use to a GPU; 0 reads in the training process, faster on few cores.
         log_every: steps between log records.
         checkpoint_minutes: minutes between checkpoints.
-        freeze_visual: leave the visual network as it is and train the rest; for a start from another array's system.
+        freeze_visual: whether the visual network keeps its weights; for a start from another array's system.
     """
 
     epochs: int = attrs.field(default=5, validator=at_least(1))
@@ -121,8 +121,8 @@ class TrainingConfig:
 
 
 # A quarter of the frequencies, where speech is loud and the array not yet ambiguous, and less overlap of windows train
-# six times as fast and localize no worse. Eight sectors leave few in which two people compete for one class; a class of
-# its own hears diffuse noise.
+# six times as fast and localize no worse. Eight sectors leave few in which two people compete for one class; a
+# separate class models diffuse noise.
 _FAST = TrainingConfig(
     model=ModelConfig(num_sources=9, bin_weight=3.0),
     guide=GuideConfig(diffuse_class=True, anchor_gain=3.0, augment=True),

@@ -1,11 +1,13 @@
-"""Refined posteriors as targets: the networks learn to say at once what a few rounds of ascent would have told.
+"""The training loss: the negative ELBO plus the distillation of refined posteriors into the networks.
 
-The posterior of a clip is climbed in closed form from where the visual network looks, with all levels equal, as a
-:class:`avssl_pyro.guides.refined.RefinedGuide` does. The guide is drawn towards where that leads by two
-cross-entropies. That of the sound's distribution over directions takes classes as a mixture, so it does not matter
-which of them hears a source. That of the levels goes class by class and teaches the audio network alone whether what a
-class looks at sounds; the visual network would learn to look where levels are easy to tell. No label takes part: the
-refined posterior is a function of model, picture and recording.
+MAP-EM refines the posterior of a clip from the visual network's log-weights and equal levels, as a
+:class:`avssl_pyro.guides.refined.RefinedGuide` does. Two cross-entropies draw the guide towards the result:
+
+    L = -ELBO / bins + strength (weight CE_directions + level_weight CE_levels)
+
+CE_directions compares the distributions of power over directions, mixed over classes, so the class of a source is
+free. CE_levels compares levels class by class and trains the audio network alone; its gradient would move the visual
+network to directions with easily predicted levels. No labels are used.
 """
 
 import math
@@ -22,20 +24,20 @@ from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.training.config import DistillationConfig
 from avssl_pyro.training.elbo_terms import ElboTermsMixin
 
-# Close to the common overrelaxation of 2, and safe for a fixed number of rounds.
+# Close to the common factor of 2, and safe for a fixed number of rounds.
 OVERRELAXATION = 1.8
 
 
 class DistillationLoss(nn.Module):
-    """The negative ELBO of a batch, with the cross-entropies to refined targets beside it.
+    """The negative ELBO of a batch plus weighted cross-entropies to refined posteriors.
 
     Args:
-        loss: the estimator's loss module of model and guide.
-        estimator: the estimator behind it; the guide's posterior is read off its last trace.
-        model: the generative model.
-        guide: the guide whose audio network learns levels; None if it has no such network.
-        config: what targets are made of.
-        diffuse_class: the last class is for diffuse noise; what it hears comes from nowhere.
+        loss: loss module of the estimator for model and guide.
+        estimator: ELBO estimator of that module; its last trace holds the guide's posterior.
+        model: generative model.
+        guide: guide whose audio network is trained on levels; None without such a network.
+        config: settings of the targets.
+        diffuse_class: whether the last class models diffuse noise, which has no direction.
     """
 
     def __init__(
@@ -60,11 +62,11 @@ class DistillationLoss(nn.Module):
             check_map_em(model)
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor, strength: float) -> tuple[Tensor, Tensor]:
-        """What is minimised, and the cross-entropies of directions and of levels (2,), nats per clip, detached.
+        """The loss, and the cross-entropies of directions and of levels (2,), nats per clip, detached.
 
         Args:
-            x_bfmt, image_bcij: the batch.
-            strength: the weights of the cross-entropies are multiplied by it.
+            x_bfmt, image_bcij: spectrograms and images of the batch.
+            strength: factor of the weights of the cross-entropies.
         """
         b, f, _, t = x_bfmt.shape
         (model,) = self._model
@@ -78,7 +80,7 @@ class DistillationLoss(nn.Module):
     def _cross_entropies(self, x_bfmt: Tensor) -> tuple[Tensor, Tensor]:
         trace = self._estimator.guide_trace
         assert trace is not None
-        # Several particles share the networks' directions, but have levels of their own.
+        # Particles share the networks' directions and differ in their levels.
         direction_posterior: Any = trace.nodes["direction_weights"]["fn"]
         level_posterior: Any = trace.nodes["mixing_levels"]["fn"]
         mu_pbkd = direction_posterior.base_dist.loc
@@ -115,14 +117,14 @@ class DistillationLoss(nn.Module):
 
 
 def log_outcomes(log_share_bkd: Tensor, log_pi_bk: Tensor, num_directed: int) -> Tensor:
-    """How the sound is distributed, (B, O), as logarithms: over the directions, sum_k pi_k w_kd, and from nowhere.
+    """Log distribution of the power over directions, sum_k pi_k w_kd, and over no direction, (B, O).
 
-    Logarithms, because a share that the softmax has rounded to nothing keeps its gradient in them.
+    Logarithms keep the gradient of shares that a softmax rounds to zero.
 
     Args:
         log_share_bkd: log w, normalised over the directions.
         log_pi_bk: logarithms of the mixing levels.
-        num_directed: how many classes, the first ones, hear directions; O is D if these are all, otherwise D + 1.
+        num_directed: number of leading classes with directions; O is D if these are all, otherwise D + 1.
     """
     n = num_directed
     directed_bd = (log_pi_bk[:, :n, None] + log_share_bkd[:, :n]).logsumexp(1)

@@ -1,4 +1,4 @@
-"""What is told of a training whose numbers are no longer finite."""
+"""Errors of a training whose loss or gradient is not finite."""
 
 import torch
 from torch import Tensor, nn
@@ -8,14 +8,14 @@ from avssl_pyro.training.elbo_terms import ElboTerms
 
 
 class TrainingDivergedError(RuntimeError):
-    """A term of the ELBO or a gradient was not finite; tells the step, the term and the clips."""
+    """A term of the ELBO or a gradient was not finite; the message names the step, the term and the clips."""
 
 
 def diverged_loss(loss: Tensor, terms: ElboTerms, batch: ClipBatch, step: int) -> TrainingDivergedError:
-    """The error for a loss that is not finite in some process, of which ``loss`` and ``terms`` are this one's."""
+    """The error for a loss that is not finite in some process, with ``loss`` and ``terms`` of this process."""
     if torch.isfinite(loss):
         return TrainingDivergedError(
-            f"step {step}: the loss of another process is not finite; its own message tells the clip."
+            f"step {step}: the loss of another process is not finite; its own message names the clip."
         )
     for name, value_b in terms.named().items():
         bad = [key for key, fine in zip(batch.keys, torch.isfinite(value_b).tolist(), strict=True) if not fine]

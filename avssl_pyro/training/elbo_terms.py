@@ -1,6 +1,6 @@
-"""Pyro's ELBO estimators, made to tell their terms apart: likelihood, KL of w, KL of pi.
+"""Pyro's ELBO estimators with a record of their terms: likelihood, KL of w, KL of pi.
 
-The terms are read off the traces the estimator has made anyway, so looking at them costs next to nothing.
+The terms come from the traces that the estimator makes anyway, so the record costs next to nothing.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ class ElboTerms:
 
     Args:
         log_likelihood_b: log p(x | w, pi) at the sampled latents, (B,).
-        kl_b: for every latent site KL(q || p), (B,); analytic where torch knows it, else log q - log p at the sample.
+        kl_b: for every latent site KL(q || p), (B,); analytic where torch has it, else log q - log p at the sample.
     """
 
     log_likelihood_b: Tensor
@@ -57,7 +57,7 @@ def _kl(prior: Mapping[str, Any], posterior: Mapping[str, Any]) -> Tensor:
 
 
 def has_analytic_kl(posterior: Any, prior: Any) -> bool:
-    """Whether torch knows KL(posterior || prior) in closed form; TraceMeanField_ELBO samples it silently if not."""
+    """Whether torch has KL(posterior || prior) in closed form; TraceMeanField_ELBO samples it silently if not."""
     try:
         with torch.no_grad():
             kl_divergence(posterior, prior)

@@ -1,11 +1,11 @@
-"""What a run tells while it trains: a progress bar, one JSON line per logged step, and TensorBoard events."""
+"""Metrics of a run: a progress bar, one JSON line per logged step, and TensorBoard events."""
 
 import json
 import time
 from pathlib import Path
 from typing import Any
 
-from torch.utils.tensorboard import SummaryWriter
+from lightning_fabric.loggers.tensorboard import TensorBoardLogger
 from tqdm import tqdm
 
 from avssl_pyro.atomic_file import write_atomically
@@ -14,14 +14,14 @@ LOG_NAME = "log.jsonl"
 
 
 class MetricsLogger:
-    """Shows and keeps records of a run; one that is disabled does neither.
+    """Shows and stores metrics of a run; a disabled logger does neither.
 
     Args:
         run_dir: folder of the run.
-        first_step: steps already done; what an earlier process logged after them is dropped.
-        total_steps: steps of the whole run.
-        clips_per_step: over all processes.
-        enabled: one process of a run reports.
+        first_step: number of steps already done; later records of an earlier process are dropped.
+        total_steps: number of steps of the whole run.
+        clips_per_step: number of clips per step over all processes.
+        enabled: whether this process logs; one process of a run does.
     """
 
     def __init__(
@@ -45,14 +45,16 @@ class MetricsLogger:
         kept = [record for record in read_log(run_dir) if record["step"] <= first_step]
         write_atomically(run_dir / LOG_NAME, "".join(f"{json.dumps(record)}\n" for record in kept).encode())
         self._file = (run_dir / LOG_NAME).open("a", encoding="utf-8")
-        self._events = SummaryWriter(str(run_dir / "tensorboard"), purge_step=first_step + 1 if first_step else None)
+        self._tensorboard = TensorBoardLogger(
+            run_dir, name="tensorboard", version="", purge_step=first_step + 1 if first_step else None
+        )
 
     def advance(self) -> None:
         """Counts one step."""
         self._bar.update(self._clips_per_step)
 
     def record(self, step: int, values: dict[str, float]) -> None:
-        """Keeps the values of a step, with the clips per second since the last record, and shows the ELBO's terms."""
+        """Stores the values of a step with the clips per second since the last record, and shows the ELBO's terms."""
         if not self._enabled:
             return
         now = time.monotonic()
@@ -61,8 +63,7 @@ class MetricsLogger:
         self._logged_step, self._logged_at = step, now
         self._file.write(json.dumps({"step": step, **values}) + "\n")
         self._file.flush()
-        for name, value in values.items():
-            self._events.add_scalar(name, value, step)
+        self._tensorboard.log_metrics(values, step)
         kl = "".join(f" - {name} {value:.4f}" for name, value in values.items() if name.startswith("kl_"))
         gain = f"gain {values['elbo_gain']:.3f}; " if "elbo_gain" in values else ""
         self._bar.set_postfix_str(f"{gain}elbo {-values['loss']:.3f} = lik {values['log_likelihood']:.3f}{kl}")
@@ -72,7 +73,7 @@ class MetricsLogger:
         self._bar.close()
         if self._enabled:
             self._file.close()
-            self._events.close()
+            self._tensorboard.finalize("success")
 
 
 def read_log(run_dir: Path) -> list[dict[str, Any]]:

@@ -90,7 +90,7 @@ def _array(options: TrainingConfig) -> MicrophoneArray:
         return resolve_array(options.array)
     if not options.data:
         raise InputError(
-            f"preset {options.preset} with --array {ARRAY_OF_DATA} wants --data: a folder of clips made by prepare.py."
+            f"preset {options.preset} with --array {ARRAY_OF_DATA} needs --data: a folder of clips made by prepare.py."
         )
     return SceneDataset(options.data).array
 
@@ -109,7 +109,7 @@ def _fabric(options: TrainingConfig) -> Fabric:
 
 
 def _claim_run(options: TrainingConfig, array: MicrophoneArray, processes: int) -> None:
-    """Writes the settings of a run, or checks that they are those of the run that is to be continued."""
+    """Writes the settings of a run, or compares them with the run to be continued."""
     settings = {
         "array": array.to_dict(),
         "data": [str(folder) for folder in options.data] or {"scenes": options.scenes, "condition": options.condition},

@@ -1,4 +1,4 @@
-"""The state a run is resumed from: weights, optimizer and step, in one file so that they can never disagree."""
+"""The state of an interrupted run: weights, optimizer and step in one file, so that they always agree."""
 
 import io
 import pickle
@@ -18,7 +18,7 @@ class TrainingState:
 
     Args:
         run_dir: folder of the run.
-        system, optimizer: what is saved and restored.
+        system, optimizer: objects that are saved and restored.
     """
 
     def __init__(self, run_dir: Path, system: System, optimizer: torch.optim.Optimizer) -> None:

@@ -7,11 +7,9 @@ that was stopped anywhere and resumed gives the numbers of one that was not.
 import contextlib
 import math
 import time
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pyro
 import torch
 from lightning_fabric import Fabric
@@ -32,6 +30,7 @@ from avssl_pyro.training.distillation import DistillationLoss
 from avssl_pyro.training.divergence import diverged_gradient, diverged_loss
 from avssl_pyro.training.elbo_terms import ElboTerms, ElboTermsMixin, TraceMeanFieldELBOWithTerms
 from avssl_pyro.training.metrics_logger import MetricsLogger
+from avssl_pyro.training.process import private_pyro, seed_step
 from avssl_pyro.training.state import TrainingState
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
@@ -56,15 +55,15 @@ def train(
     Args:
         system: model and guide.
         dataset: clips of the system's array.
-        config: optimization settings; must be those of the run that is continued.
+        config: optimization settings; a run is continued with the same.
         run_dir: folder of the run.
         fabric: devices, processes and precision; already launched.
         estimator: any Pyro ELBO with :class:`ElboTermsMixin`; the mean-field one (analytic KL) by default.
-        targets: refined posteriors that teach the guide beside the ELBO; none by default.
-        stop_after: leave after this many steps in all, as if interrupted.
+        targets: distillation of refined posteriors beside the ELBO; none by default.
+        stop_after: number of steps in all after which the run stops as if interrupted.
 
     Raises:
-        TrainingDivergedError: see there; the last checkpoint stays.
+        TrainingDivergedError: the loss or a gradient is not finite; the last checkpoint stays.
         KeyboardInterrupt: ctrl-C or SIGTERM; raised after the state was saved.
     """
     estimator = estimator or TraceMeanFieldELBOWithTerms()
@@ -84,7 +83,7 @@ def train(
     module, fabric_optimizer = fabric.setup(loss_module, optimizer)
     state = TrainingState(run_dir, system, optimizer)
     first_step = state.load()
-    reporter = MetricsLogger(
+    logger = MetricsLogger(
         run_dir,
         first_step=first_step,
         total_steps=total_steps,
@@ -92,9 +91,9 @@ def train(
         enabled=fabric.is_global_zero,
     )
     last_save, step, stopping = time.monotonic(), first_step, False
-    with contextlib.closing(reporter), GracefulInterrupt() as stop, _private_pyro():
+    with contextlib.closing(logger), GracefulInterrupt() as stop, private_pyro():
         for batch in _batches(dataset, sampler, config, first_step, total_steps, fabric.device):
-            _seed_step(config.seed, step, fabric.global_rank)
+            seed_step(config.seed, step, fabric.global_rank)
             learning_rate = config.learning_rate * _schedule(step, total_steps, config)
             for group in optimizer.param_groups:
                 group["lr"] = learning_rate
@@ -112,15 +111,13 @@ def train(
             fabric_optimizer.step()
             fabric_optimizer.zero_grad()
             step += 1
-            reporter.advance()
+            logger.advance()
             done = step == total_steps
             if step % config.log_every == 0 or done:
                 values = {"epoch": step / sampler.steps_per_epoch, "learning_rate": learning_rate}
                 values |= {"loss": loss.item()}
                 values |= zip(("direction_cross_entropy", "level_cross_entropy"), cross_entropies.tolist(), strict=True)
-                reporter.record(
-                    step, values | _terms(estimator.terms, x_bfmt, system.model.bin_weight) | _scales(system)
-                )
+                logger.record(step, values | _terms(estimator.terms, x_bfmt, system.model.bin_weight) | _scales(system))
             stopping = not done and (_anyone(stop.requested, fabric) or step == stop_after)
             if stopping or done or time.monotonic() - last_save > 60 * config.checkpoint_minutes:
                 if fabric.is_global_zero:
@@ -175,34 +172,17 @@ def _batches(
             except StopIteration:
                 break
             except InputError as error:
-                # A worker process wraps the sentence in its traceback; the sentence is what the user needs.
+                # A worker process wraps the message in its traceback; the user needs the message alone.
                 raise InputError(str(error).strip().splitlines()[-1].removeprefix(_RAISED)) from error
             yield batch.to(device, non_blocking=True)
 
 
-@contextlib.contextmanager
-def _private_pyro() -> Iterator[None]:
-    """Pyro as training needs it: parameters stay in their modules, out of the global store that the next SVI would see.
-
-    A NaN is left to the loop, which knows the step, the term and the clip; Pyro would stop or warn.
-    """
-    local_parameters = pyro.settings.context(module_local_params=True)
-    with local_parameters, pyro.validation_enabled(False), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Encountered NaN", category=UserWarning)
-        yield
-
-
 def _anyone(here: bool | torch.Tensor, fabric: Fabric) -> bool:
-    """Whether it is so in any process; all must leave the loop at the same step or those that go on wait forever."""
+    """Whether ``here`` holds in any process; all leave the loop at the same step, else the others wait forever."""
     if fabric.world_size == 1:
         return bool(here)
     flag = torch.tensor(float(here), device=fabric.device)
     return bool(torch.as_tensor(fabric.all_reduce(flag, reduce_op="sum")) > 0)
-
-
-def _seed_step(seed: int, step: int, rank: int) -> None:
-    (state,) = np.random.SeedSequence([seed, step, rank]).generate_state(1, np.uint64)
-    torch.manual_seed(int(state) >> 1)
 
 
 def _schedule(step: int, total_steps: int, config: OptimizationConfig) -> float:
@@ -215,9 +195,9 @@ def _schedule(step: int, total_steps: int, config: OptimizationConfig) -> float:
 
 @torch.no_grad()
 def _terms(terms: ElboTerms, x_bfmt: torch.Tensor, bin_weight: float) -> dict[str, float]:
-    """Mean ELBO terms per time-frequency bin, and the ELBO above that of noise from nowhere.
+    """Mean ELBO terms per time-frequency bin, and the gain over isotropic noise.
 
-    The latter takes out how loud and how long a clip is.
+    The gain does not depend on loudness or length of a clip.
     """
     _, f, _, t = x_bfmt.shape
     gain_b = terms.elbo_b - bin_weight * isotropic_log_likelihood(observe(x_bfmt))

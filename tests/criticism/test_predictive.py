@@ -11,7 +11,7 @@ from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.criticism.predictive import BeamPower, Coherence, Statistic, predictive_check
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.guides.initializers import UninformedInitializer
-from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from, log_likelihood, prior_draws, replicate
+from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from, draw_log_likelihoods, prior_draws, replicate
 from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd
@@ -76,7 +76,7 @@ def test_statistics_know_nothing_of_power(x_fmt: Tensor, statistic: Statistic) -
 def test_the_log_likelihood_is_that_of_the_distribution_as_the_model_weighs_it(x_fmt: Tensor) -> None:
     draws = prior_draws(MODEL, x_fmt, IMAGE_CIJ, 5)
     mixture = SpatialMixture(MODEL.template_dfmm, draws.w_skd, draws.pi_sk, num_frames=T, diffuse=MODEL.diffuse)
-    torch.testing.assert_close(log_likelihood(MODEL, x_fmt, IMAGE_CIJ, draws), 2.0 * mixture.log_prob(x_fmt))
+    torch.testing.assert_close(draw_log_likelihoods(MODEL, x_fmt, IMAGE_CIJ, draws), 2.0 * mixture.log_prob(x_fmt))
 
 
 def test_prior_draws_are_those_of_the_priors_and_come_again_by_their_seed(x_fmt: Tensor) -> None:
