@@ -242,3 +242,29 @@ def test_wheel_works_in_the_checkout_and_elsewhere(wheel: Path, tmp_path: Path) 
     # Started in the checkout, the checkout shadows the wheel, and finds its own models and guides.
     inside = python(code, ROOT, PYTHONPATH=str(target)).split()
     assert inside == [str(ROOT / "models" / "spatial_cgmm.py"), str(ROOT / "guides" / "amortized.py")]
+
+
+# What a user does first, in a folder that holds nothing.
+FRONT_DOOR = """
+import avssl_pyro as av
+from avssl_pyro.systems.config import GuideConfig
+from avssl_pyro.training.config import OptimizationConfig
+scenes = av.simulate("scenes", 4, array="circle2", workers=1)
+small = {"guide": GuideConfig(visual_channels=(4, 8), audio_channels=4)}
+short = {"optimization": OptimizationConfig(epochs=1, batch_size=4, num_workers=0)}
+trained = av.train("quick", data="scenes", array="circle2", out="run", **small, **short)
+for model in (av.load("circle2"), trained):
+    result = model.localize(scenes[0].audio_mn, scenes[0].image_ijc)
+    print(result.to_dict()["format"], result.plot().shape[1])
+print(av.__file__)
+"""
+
+
+def test_a_wheel_simulates_trains_and_localizes_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:
+    target, folder = tmp_path / "site", tmp_path / "empty"
+    zipfile.ZipFile(wheel).extractall(target)
+    folder.mkdir()
+    said = python(FRONT_DOOR, folder, PYTHONPATH=str(target), OMP_NUM_THREADS="1").split()
+    assert said == ["avssl-result/1", "1152"] * 2 + [str(target / "avssl_pyro" / "__init__.py")]
+    code = "import sys; sys.argv[1:] = ['--version']; from avssl_pyro.cli.app import entry_point; entry_point()"
+    assert PROJECT["project"]["version"] in python(code, folder, PYTHONPATH=str(target))
