@@ -10,12 +10,14 @@ import numpy.typing as npt
 import torch
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.compatibility import check_trained_array
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.api.result import Result
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.io.clip_files import fit_audio, fit_panorama, read_audio, read_image
+from avssl_pyro.io.audio import fit_audio, read_audio
+from avssl_pyro.io.images import fit_panorama, read_image
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import SourceThresholds
 from avssl_pyro.recordings.recording import Alignment
@@ -23,7 +25,6 @@ from avssl_pyro.separation.separator import Separator
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.pretrained import load_pretrained
 from avssl_pyro.systems.system import System
-from avssl_pyro.systems.trained_array import check_array
 from avssl_pyro.tracking.recording_localizer import (
     default_rate_hz,
     localize_recording,
@@ -71,7 +72,7 @@ def load(
         return Model(load_pretrained(served).system, served, PRETRAINED_NAME, device, refinement, thresholds)
     system = load_checkpoint(Path(source))
     served = system.config.array if array is None else resolve_array(array)
-    check_array(system, served, str(source))
+    check_trained_array(system.config.array, served, str(source))
     return Model(system, served, str(source), device, refinement, thresholds)
 
 

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.png import save_png
-from avssl_pyro.io.separated_sound import write_separated
+from avssl_pyro.io.audio import write_separated
+from avssl_pyro.io.images import save_png
 from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 from avssl_pyro.localization.results import Localization
 from avssl_pyro.separation.separator import SeparationConfig, Separator

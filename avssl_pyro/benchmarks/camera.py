@@ -15,7 +15,7 @@ from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.diagnosis.camera import judge, orientation_search
 from avssl_pyro.diagnosis.finding import Severity
 from avssl_pyro.evaluation.tables import Column, Table
-from avssl_pyro.io.clip_files import fit_image
+from avssl_pyro.io.images import fit_image
 from avssl_pyro.simulation.recordings import Camera, RecordingSimulator
 from avssl_pyro.systems.system import System
 

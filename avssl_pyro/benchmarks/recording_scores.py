@@ -8,6 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.compatibility import check_channels
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
@@ -17,8 +18,7 @@ from avssl_pyro.evaluation.methods import plain_and_tuned
 from avssl_pyro.evaluation.metrics import Azimuths, Scores, evaluate
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.evaluation.tables import Column, Table
-from avssl_pyro.io.audio_stream import AudioFile
-from avssl_pyro.io.clip_files import check_channels
+from avssl_pyro.io.audio import AudioFile
 from avssl_pyro.io.dcase import FRAME_S, DcaseRow, azimuths_by_frame, read_dcase
 from avssl_pyro.recordings.recording import Recording
 

@@ -16,7 +16,7 @@ from avssl_pyro.evaluation.metrics import Azimuths, evaluate
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.evaluation.tables import Column, Table
 from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.io.clip_files import read_audio
+from avssl_pyro.io.audio import read_audio
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import SourceThresholds
 from avssl_pyro.recordings.labeled_recordings import LabeledRecording

@@ -10,7 +10,7 @@ from avssl_pyro.cli.options import parse_options
 from avssl_pyro.datasets.builtin import TEST, default_dataset
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.io.png import save_png
+from avssl_pyro.io.images import save_png
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.training.config import PRESETS, OptimizationConfig

@@ -14,24 +14,23 @@ import tyro
 from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.compatibility import check_trained_array
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.options import AlignmentOptions, parse_options
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.diagnosis.camera import AS_IT_IS, check_camera
-from avssl_pyro.diagnosis.durations import check_durations
 from avssl_pyro.diagnosis.examination import examine
 from avssl_pyro.diagnosis.finding import Finding, Severity
-from avssl_pyro.diagnosis.lag import check_lag, picture_change, sound_energy
 from avssl_pyro.diagnosis.orientation import Turn
+from avssl_pyro.diagnosis.synchronization import check_durations, check_lag, picture_change, sound_energy
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.clip_files import read_image
+from avssl_pyro.io.images import read_image
 from avssl_pyro.recordings.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
 from avssl_pyro.recordings.recording import Recording, VideoFile
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.pretrained import load_pretrained
 from avssl_pyro.systems.system import System
-from avssl_pyro.systems.trained_array import check_array
 
 EXIT_FINDINGS = 1
 FORMAT = "avssl-diagnosis/1"
@@ -127,7 +126,7 @@ def _camera(
     options: DoctorOptions, system: System | None, array: MicrophoneArray, clips: Sequence[Clip]
 ) -> tuple[Finding, ...]:
     if system is not None:
-        check_array(system, array, str(options.checkpoint))
+        check_trained_array(system.config.array, array, str(options.checkpoint))
     elif options.camera:
         pretrained = load_pretrained(array)
         print(pretrained.sentence, file=sys.stderr)

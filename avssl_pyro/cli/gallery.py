@@ -11,7 +11,7 @@ from avssl_pyro.cli.options import choose_system
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.io.png import save_png
+from avssl_pyro.io.images import save_png
 from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.systems.config import MOST_GENERAL
 

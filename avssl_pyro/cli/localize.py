@@ -184,7 +184,8 @@ def _files(inputs: Sequence[_ClipFiles]) -> Iterator[Path]:
 
 def _check_inputs(inputs: Sequence[_ClipFiles], model: "Model") -> None:
     """Reads everything once before anything is written, so that a bad clip late in a list leaves nothing behind."""
-    from avssl_pyro.io.clip_files import read_audio, read_image
+    from avssl_pyro.io.audio import read_audio
+    from avssl_pyro.io.images import read_image
 
     for entry in inputs:
         if not read_audio(entry.audio, model.array).any():

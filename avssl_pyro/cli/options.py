@@ -108,17 +108,17 @@ def choose_system(
     Raises:
         InputError: a file cannot be read, the checkpoint is of another array, or nothing names an array.
     """
+    from avssl_pyro.acoustics.compatibility import check_trained_array
     from avssl_pyro.acoustics.presets import resolve_array
     from avssl_pyro.systems.checkpoint import load_checkpoint
     from avssl_pyro.systems.pretrained import load_pretrained
-    from avssl_pyro.systems.trained_array import check_array
 
     served = None if array is None else resolve_array(array)
     if checkpoint is not None:
         system = load_checkpoint(checkpoint)
         if served is None:
             return system, system.config.array
-        check_array(system, served, str(checkpoint))
+        check_trained_array(system.config.array, served, str(checkpoint))
         return system, served
     if served is None:
         if default_array is None:

@@ -19,7 +19,7 @@ from avssl_pyro.datasets.generation import SCENES_PER_SHARD, generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.datasets.shards import verify_dataset
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.png import write_png
+from avssl_pyro.io.images import write_png
 from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.viz.contact_sheet import contact_sheet

@@ -4,11 +4,9 @@ import numpy as np
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.diagnosis.array_match import check_array_match
-from avssl_pyro.diagnosis.clipping import check_clipping
-from avssl_pyro.diagnosis.duplicates import check_duplicates, find_duplicates
+from avssl_pyro.diagnosis.channels import ChannelLevels, check_clipping, check_duplicates, check_levels, find_duplicates
 from avssl_pyro.diagnosis.finding import Finding, Severity
 from avssl_pyro.diagnosis.geometry import check_geometry
-from avssl_pyro.diagnosis.levels import ChannelLevels, check_levels
 from avssl_pyro.errors import InputError
 from avssl_pyro.recordings.excerpts import Excerpts
 

@@ -169,13 +169,6 @@ def advance(audio_n: Audio, time_s: float) -> Audio:
     return np.fft.irfft(turned, padded)[..., :length].astype(np.float32)
 
 
-def mend_all(repairs: Sequence[Repair], audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
-    """Applies repairs one after the other."""
-    for repair in repairs:
-        audio_bmn, array = repair.mend(audio_bmn, array)
-    return audio_bmn, array
-
-
 def possible(repair: Repair, array: MicrophoneArray) -> bool:
     """Whether the repaired array is one."""
     try:

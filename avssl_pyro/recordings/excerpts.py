@@ -11,8 +11,7 @@ from scipy.signal import resample_poly
 
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.audio_stream import check_live, check_samples
-from avssl_pyro.io.clip_files import MIN_SECONDS
+from avssl_pyro.io.audio import MIN_SECONDS, check_live, check_samples
 
 EXCERPT_SECONDS = 1.0
 MOST_EXCERPTS = 60

@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.compatibility import check_channels
 from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS, SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.audio_stream import AudioFile
-from avssl_pyro.io.clip_files import check_channels, fit_image, is_full_sphere
+from avssl_pyro.io.audio import AudioFile
+from avssl_pyro.io.images import fit_image, is_full_sphere
 from avssl_pyro.io.projection_check import check_equirectangular
 from avssl_pyro.io.video_reader import VideoFile
 

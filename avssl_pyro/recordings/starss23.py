@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.audio_stream import AudioFile
+from avssl_pyro.io.audio import AudioFile
 from avssl_pyro.io.dcase import DcaseRow, read_dcase
 from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.recordings.recording import Recording

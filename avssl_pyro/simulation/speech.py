@@ -1,17 +1,16 @@
 """Dry speech of talkers: the interface of a source, and a source that reads a folder."""
 
 from dataclasses import dataclass
-from math import gcd
 from pathlib import Path
 from typing import ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import soundfile
-from scipy import signal
 
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.audio import resample
 from avssl_pyro.simulation.assets import AssetFolder
 
 FRAME_SAMPLES = SAMPLE_RATE // 50
@@ -127,7 +126,4 @@ def read_stretch(path: Path, seconds: float, rng: np.random.Generator) -> npt.ND
     speech_n: npt.NDArray[np.float32] = audio_nm.mean(axis=1, dtype=np.float32)
     if not np.isfinite(speech_n).all():
         raise InputError(f"{path}: the speech file has NaN or infinite samples; all must be finite.")
-    if rate != SAMPLE_RATE:
-        common = gcd(rate, SAMPLE_RATE)
-        speech_n = signal.resample_poly(speech_n, SAMPLE_RATE // common, rate // common).astype(np.float32)
-    return speech_n
+    return resample(speech_n, rate)

@@ -3,13 +3,11 @@
 from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 
-import numpy as np
-
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.compatibility import is_same_array
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.config import MOST_GENERAL, PRETRAINED
 from avssl_pyro.systems.system import System, build_system
-from avssl_pyro.systems.trained_array import SAME_PLACE_M
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ def load_pretrained(array: MicrophoneArray) -> Pretrained:
     """The shipped system of an array, or the most general one fitted to its geometry."""
     for name in PRETRAINED:
         system = load_weights_of(name)
-        if _same_array(system.config.array, array):
+        if is_same_array(system.config.array, array):
             return Pretrained(system, name, native=True)
     general = load_weights_of(MOST_GENERAL)
     system = build_system(replace(general.config, array=array))
@@ -57,11 +55,3 @@ def load_weights_of(name: str) -> System:
     """The system trained with the array of that name, one of ``PRETRAINED``."""
     with as_file(files("avssl_pyro") / "weights" / f"{name}.safetensors") as path:
         return load_checkpoint(path)
-
-
-def _same_array(trained: MicrophoneArray, array: MicrophoneArray) -> bool:
-    if (trained.steering, trained.speed_of_sound) != (array.steering, array.speed_of_sound):
-        return False
-    if trained.positions.shape != array.positions.shape:
-        return False
-    return bool(np.linalg.norm(trained.positions - array.positions, axis=-1).max() <= SAME_PLACE_M)

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch, Polygon
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.io.png import save_png
+from avssl_pyro.io.images import save_png
 from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 from avssl_pyro.viz.activation import blend, mute, resize_circular, strength_maps
 from avssl_pyro.viz.palette import OKABE_ITO, Color, color_of, ink_on

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.png import write_png
+from avssl_pyro.io.images import write_png
 from avssl_pyro.training.metrics_logger import read_log
 from avssl_pyro.viz.palette import OKABE_ITO, color_of
 

@@ -13,7 +13,7 @@ import soundfile
 import avssl_pyro as av
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.io.png import save_png
+from avssl_pyro.io.images import save_png
 from avssl_pyro.io.video_writer import open_video
 from avssl_pyro.localization.posterior import AUDIO_ONLY_THRESHOLDS, ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
 from avssl_pyro.systems.checkpoint import save_checkpoint

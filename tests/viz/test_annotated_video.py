@@ -10,7 +10,7 @@ import soundfile
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.audio_stream import AudioFile
+from avssl_pyro.io.audio import AudioFile
 from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.io.video_writer import open_video
 from avssl_pyro.recordings.recording import Recording

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avssl_pyro.diagnosis.clipping import check_clipping, clipped_runs
+from avssl_pyro.diagnosis.channels import check_clipping, clipped_runs
 from avssl_pyro.diagnosis.finding import Severity
 from avssl_pyro.recordings.excerpts import Excerpts
 

@@ -4,9 +4,8 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from avssl_pyro.diagnosis.durations import check_durations
 from avssl_pyro.diagnosis.finding import Severity
-from avssl_pyro.diagnosis.lag import check_lag, find_lag, picture_change, sound_energy
+from avssl_pyro.diagnosis.synchronization import check_durations, check_lag, find_lag, picture_change, sound_energy
 
 RATE, SECONDS = 16_000, 24.0
 

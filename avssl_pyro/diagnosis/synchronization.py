@@ -1,17 +1,17 @@
-"""The offset between sound and picture: do onsets of sound and changes of the picture come at the same time?
+"""Checks of audio against video: their offset in time and their durations.
 
-Claps, doors, somebody who starts to move and talk: where such moments are frequent, the correlation of the two onset
-curves over time lags has one clear peak. Talkers who sit still leave none, and then nothing can be said.
+The offset is the lag at which onsets of sound and changes of the picture correlate best. Claps, doors, or somebody who
+starts to move and talk give one clear peak. Seated talkers give none, and the offset then stays unknown.
 """
 
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.diagnosis.finding import Finding, Severity
 
-CHECK = "audio-video offset"
 RATE = 50.0
 LONGEST_S = 3.0
 LEAST_SECONDS = 10.0
@@ -20,6 +20,10 @@ LEAST_SECONDS = 10.0
 LEAST_HEIGHT, LEAST_LEAD = 6.0, 1.3
 SAME_PLACE_S = 0.06
 TOLERATED_S = 0.08
+# Audio and video whose durations differ more than this have lost a part or have a wrong rate in a header.
+COMMON_RATES = (8_000, 16_000, 22_050, 24_000, 32_000, 44_100, 48_000, 96_000)
+TOLERATED_SHARE, TOLERATED_DIFFERENCE_S = 0.02, 2.0
+SAME_RATIO = 0.01
 
 
 @dataclass(frozen=True)
@@ -107,12 +111,40 @@ def check_lag(
     lag = find_lag(energy_t, change_t)
     if not lag.clear:
         found = "cannot tell whether sound and picture are in step: they have no clear onsets in common"
-        return (Finding(CHECK, Severity.NOTE, found, 0.5, "clap three times in view of the camera to be sure"),)
+        return (
+            Finding(
+                "audio-video offset", Severity.NOTE, found, 0.5, "clap three times in view of the camera to be sure"
+            ),
+        )
     confidence = float(1 - np.exp(-lag.height / 3))
     if abs(lag.lag_s) <= TOLERATED_S:
-        return (Finding(CHECK, Severity.OK, "sound and picture are in step", confidence),)
+        return (Finding("audio-video offset", Severity.OK, "sound and picture are in step", confidence),)
     side = "after" if lag.lag_s > 0 else "before"
     found = f"the picture comes {abs(lag.lag_s):.2f} s {side} the sound"
     return (
-        Finding(CHECK, Severity.WARNING, found, confidence, f"read it with an offset of {given_s - lag.lag_s:+.2f} s"),
+        Finding(
+            "audio-video offset",
+            Severity.WARNING,
+            found,
+            confidence,
+            f"read it with an offset of {given_s - lag.lag_s:+.2f} s",
+        ),
+    )
+
+
+def check_durations(audio_s: float, rate: int, video_s: float) -> tuple[Finding, ...]:
+    """Compares how long audio (of a header's sample rate) and video last."""
+    if abs(audio_s - video_s) <= max(TOLERATED_DIFFERENCE_S, TOLERATED_SHARE * video_s):
+        return (Finding("durations", Severity.OK, "audio and video last about equally long", 1.0),)
+    found = f"the audio lasts {audio_s:.1f} s, the video {video_s:.1f} s"
+    for claimed, true in permutations(COMMON_RATES, 2):
+        if claimed == rate and abs(audio_s / video_s * claimed / true - 1) < SAME_RATIO:
+            slip = f"{found}: as if audio of {true} Hz were said to have {rate} Hz"
+            return (
+                Finding("durations", Severity.WARNING, slip, 0.8, f"set the sample rate in its header to {true} Hz"),
+            )
+    return (
+        Finding(
+            "durations", Severity.NOTE, found, 1.0, "only what both cover is used; give an offset if one starts late"
+        ),
     )

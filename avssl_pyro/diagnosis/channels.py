@@ -1,6 +1,7 @@
-"""Dead channels, unequal gains, direct current: what the power of each channel tells."""
+"""Checks of single channels: levels, clipping, and copies of one signal."""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,14 @@ SILENT_DBFS = -75.0
 # Direct current counts from a thousandth of full scale, if it is also a tenth of the sound.
 LEAST_DIRECT, DIRECT_SHARE = 1e-3, 0.1
 LEAST_POWER = 1e-20
+# A sine may touch its top with a sample or two, not with three again and again.
+LEAST_RUN, LEAST_RUNS = 3, 4
+SAME_LEVEL = 1e-4
+# Below this a recording has so few levels that many samples share the highest by chance.
+LEAST_EXTREME = 1e-2
+# Power that is left of a channel after the best multiple of another one is subtracted. Two microphones a
+# centimetre apart keep a hundredth even without noise; a copy keeps rounding errors.
+COPY_RESIDUE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -122,3 +131,69 @@ def _direct(levels: ChannelLevels) -> list[Finding]:
             )
             findings.append(Finding("levels", Severity.WARNING, found, 1.0, "high-pass the recording at 20 Hz or so"))
     return findings
+
+
+def clipped_runs(samples_bn: npt.NDArray[np.float32]) -> tuple[int, float]:
+    """Number of runs of at least three samples at the highest level, and that level; both ends, the worse one."""
+    worst = (0, 0.0)
+    for sign in (1, -1):
+        signed_bn = sign * samples_bn
+        extreme = float(signed_bn.max())
+        if extreme < LEAST_EXTREME:
+            continue
+        top_bn = np.pad(signed_bn >= extreme * (1 - SAME_LEVEL), ((0, 0), (1, 1)))
+        edge = np.diff(top_bn.astype(np.int8), axis=-1)
+        lengths = np.argwhere(edge == -1)[:, 1] - np.argwhere(edge == 1)[:, 1]
+        worst = max(worst, (int((lengths >= LEAST_RUN).sum()), sign * extreme))
+    return worst
+
+
+def check_clipping(excerpts: Excerpts) -> tuple[Finding, ...]:
+    """Channels whose waveform is cut off flat."""
+    findings = []
+    seconds = excerpts.raw_bmn.shape[0] * excerpts.raw_bmn.shape[2] / excerpts.rate
+    for channel in range(excerpts.num_channels):
+        # Direct current is no run at an extreme.
+        runs, level = clipped_runs(excerpts.raw_bmn[:, channel])
+        if runs >= LEAST_RUNS and np.ptp(excerpts.raw_bmn[:, channel]) > LEAST_EXTREME:
+            name = channels([excerpts.names[channel]])
+            found = f"{name} is clipped: cut off at {level:+.3f} {runs} times in {seconds:.0f} s"
+            confidence = float(1 - 0.5 ** (runs / LEAST_RUNS))
+            findings.append(
+                Finding("clipping", Severity.WARNING, found, confidence, "record with less gain; leave loud clips out")
+            )
+    return tuple(findings) or (Finding("clipping", Severity.OK, "no channel is cut off", 0.9),)
+
+
+def find_duplicates(excerpts: Excerpts) -> list[tuple[int, int, float]]:
+    """Pairs of channels that are copies, with the residue of their difference in power."""
+    # The first difference lifts high frequencies, in which microphones differ even where they stand close together.
+    steps_bmn = np.diff(excerpts.raw_bmn.astype(np.float64), axis=-1)
+    gram_bmm = steps_bmn @ steps_bmn.swapaxes(1, 2)
+    power_bm = np.diagonal(gram_bmm, axis1=1, axis2=2)
+    pairs = []
+    for first, second in combinations(range(excerpts.num_channels), 2):
+        scale_b = power_bm[:, first] * power_bm[:, second]
+        sounding_b = np.minimum(power_bm[:, first], power_bm[:, second]) > LEAST_POWER
+        if not sounding_b.any():
+            continue
+        coherence_b = gram_bmm[sounding_b, first, second] ** 2 / scale_b[sounding_b]
+        residue = float(np.median(1 - coherence_b))
+        if residue < COPY_RESIDUE:
+            pairs.append((first, second, max(residue, 0.0)))
+    return pairs
+
+
+def check_duplicates(excerpts: Excerpts) -> tuple[Finding, ...]:
+    """Names the pairs of channels that hold one signal."""
+    findings = [
+        Finding(
+            "duplicates",
+            Severity.ERROR,
+            f"{channels([excerpts.names[first], excerpts.names[second]])} are copies of one signal",
+            float(1 - 0.5 * residue / COPY_RESIDUE),
+            "check the routing of the recorder; leave one of the two out of the array file",
+        )
+        for first, second, residue in find_duplicates(excerpts)
+    ]
+    return tuple(findings) or (Finding("duplicates", Severity.OK, "no two channels are copies", 1.0),)

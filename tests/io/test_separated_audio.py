@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from avssl_pyro.io.separated_sound import write_separated
+from avssl_pyro.io.audio import write_separated
 
 
 def test_every_source_has_a_file_named_after_its_direction(tmp_path: Path) -> None:

@@ -7,10 +7,9 @@ import pytest
 import soundfile
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.compatibility import matching_channels
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.clip_files import read_audio
+from avssl_pyro.io.audio import read_audio
 
 PAIR = MicrophoneArray("pair", ((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)), channels=(4, 2))
 
@@ -48,14 +47,3 @@ def test_a_broken_sample_is_named_by_its_channel_in_the_file(tmp_path: Path) -> 
     soundfile.write(path, audio_nm, 16_000, subtype="FLOAT")
     with pytest.raises(InputError, match="sample 5 of channel 4 is not a finite number"):
         read_audio(path, PAIR)
-
-
-def test_recordings_go_with_their_own_kind_of_steering_only() -> None:
-    tetrahedron, foa = PRESETS["starss23-mic"], PRESETS["starss23-foa"]
-    in_free_field = MicrophoneArray("open", tetrahedron.positions_m)
-    with pytest.raises(InputError, match=r"'open' in free field, but array 'starss23-mic' hears on a rigid sphere"):
-        matching_channels(in_free_field, tetrahedron, "scenes")
-    with pytest.raises(InputError, match=r"'circle4' in free field, but array 'starss23-foa' hears in first-order"):
-        matching_channels(PRESETS["circle4"], foa, "scenes")
-    assert matching_channels(foa, foa, "scenes") == (0, 1, 2, 3)
-    assert matching_channels(PRESETS["eigenmike32"], tetrahedron, "scenes") == (5, 9, 25, 21)
