@@ -111,7 +111,7 @@ def user_folder(tmp_path_factory: pytest.TempPathFactory, scene_folder: Path) ->
     return folder
 
 
-README_COMMANDS = [command for command in shell_commands(README) if "--help" not in command]
+README_COMMANDS = [command for command in shell_commands(README) if not command[0].startswith("--")]
 
 
 @pytest.mark.parametrize("command", README_COMMANDS, ids=[" ".join(command[:2]) for command in README_COMMANDS])
