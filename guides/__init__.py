@@ -1,1 +1,1 @@
-"""Guides: variational posteriors of the models; written to be read and swapped."""
+"""Guides: variational posteriors of the models."""

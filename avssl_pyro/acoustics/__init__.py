@@ -1,1 +1,1 @@
-"""Array geometry, direction grid, steering vectors, STFT and spatial covariance."""
+"""Arrays, direction grid, steering vectors, STFT and spatial covariance."""

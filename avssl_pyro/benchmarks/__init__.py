@@ -1,1 +1,1 @@
-"""Experiments: who does better, on which material."""
+"""Experiments on many clips or recordings, and their tables."""

@@ -1,1 +1,1 @@
-"""One module per command."""
+"""Commands: each parses its options, calls the library, and prints."""

@@ -1,1 +1,1 @@
-"""Is the posterior right? Closed forms, calibration and predictive checks."""
+"""Checks of the posterior: closed forms, calibration and predictive checks."""

@@ -1,1 +1,1 @@
-"""Checks of a recording against the array and the camera it is said to come from, one check a module."""
+"""Faults of a recording, its array and its camera."""

@@ -1,1 +1,1 @@
-"""Custom distributions, one a file."""
+"""Distributions of the spatial mixture and MAP-EM under them."""

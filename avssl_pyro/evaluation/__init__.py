@@ -1,1 +1,1 @@
-"""Metrics, baselines and result tables."""
+"""Metrics, baselines and methods."""

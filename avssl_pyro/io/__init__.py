@@ -1,1 +1,1 @@
-"""Files in and out: sound, pictures, video and tables."""
+"""Input and output of audio, images, video and tables."""

@@ -1,1 +1,1 @@
-"""Long recordings: sound and video of one place, and the clips cut from them."""
+"""Long recordings: audio and video of one place, and the clips cut from them."""

@@ -1,1 +1,1 @@
-"""Scenes made in code: rooms, people, panoramas, speech and their acoustics."""
+"""Simulated scenes and recordings: rooms, people, panoramas, speech and acoustics."""
