@@ -1,7 +1,7 @@
 """Measures speed and memory; see --help."""
 
-from avssl_pyro.cli.benchmark import main
+from avssl_pyro.cli.benchmark import speed
 from avssl_pyro.cli.command import run
 
 if __name__ == "__main__":
-    run(main)
+    run(speed)

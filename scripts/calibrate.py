@@ -1,7 +1,7 @@
 """Tests posteriors by simulation-based calibration; see --help."""
 
-from avssl_pyro.cli.calibrate import main
+from avssl_pyro.cli.benchmark import calibration
 from avssl_pyro.cli.command import run
 
 if __name__ == "__main__":
-    run(main)
+    run(calibration)

@@ -1,7 +1,7 @@
 """Measures how often a turned or mirrored camera is found; see --help."""
 
-from avssl_pyro.cli.camera_benchmark import main
+from avssl_pyro.cli.benchmark_recordings import camera
 from avssl_pyro.cli.command import run
 
 if __name__ == "__main__":
-    run(main)
+    run(camera)

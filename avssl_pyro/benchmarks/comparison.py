@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 import attrs
@@ -21,7 +22,7 @@ from avssl_pyro.evaluation.methods import SOURCE_SETTINGS, Method, PosteriorMeth
 from avssl_pyro.evaluation.metrics import Azimuths, bootstrap_count_accuracy, bootstrap_f_measure, summarize, tally
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.localizer import Localizer, audio_only_refinement
-from avssl_pyro.systems.checkpoint import fingerprint
+from avssl_pyro.systems.checkpoint import fingerprint, load_checkpoint
 from avssl_pyro.systems.system import System
 
 LabeledClip = tuple[Clip, SceneLabels]
@@ -230,3 +231,63 @@ class MethodSuite:
             "source_settings": [asdict(setting) for setting in SOURCE_SETTINGS],
             "peak_settings": [asdict(setting) for setting in PEAK_SETTINGS],
         }
+
+
+def make_suites(
+    systems: Sequence[System],
+    without_audio: Sequence[System],
+    refinement: RefinementConfig,
+    same_band: bool = False,
+    workers: int | None = 1,
+    device: str = "cpu",
+) -> list[MethodSuite]:
+    """A suite for each system.
+
+    Args:
+        systems: trained systems.
+        without_audio: systems of the row ``no-audio-net``, on arrays of ``systems``; by default those themselves.
+        refinement: settings of the refined rows.
+        same_band: whether the baselines search the system's own band.
+        workers, device: as of :class:`MethodSuite`.
+
+    Raises:
+        InputError: the array of a system without audio network is that of no other system.
+    """
+    arrays = [system.config.array for system in systems]
+    for system in without_audio:
+        if system.config.array not in arrays:
+            raise InputError(
+                f"--no-audio-checkpoint: array '{system.config.array.name}' is that of no --checkpoint; give "
+                "checkpoints of the same arrays."
+            )
+    by_array = {system.config.array: system for system in without_audio}
+    return [
+        MethodSuite(
+            system,
+            by_array.get(system.config.array, system),
+            refinement,
+            system_band_hz(system) if same_band else DEFAULT_BAND_HZ,
+            workers,
+            device,
+        )
+        for system in systems
+    ]
+
+
+def load_systems(checkpoints: Sequence[Path]) -> list[System]:
+    """Systems of some checkpoints, in the order of their number of microphones.
+
+    Raises:
+        InputError: two have equally many microphones, or as :func:`load_checkpoint`.
+    """
+    by_microphones: dict[int, System] = {}
+    for path in checkpoints:
+        system = load_checkpoint(path)
+        microphones = system.config.array.num_microphones
+        if microphones in by_microphones:
+            raise InputError(
+                f"{path}: a second checkpoint for {microphones} microphones; give one for each number of microphones, "
+                "and another --out for the others."
+            )
+        by_microphones[microphones] = system
+    return [by_microphones[microphones] for microphones in sorted(by_microphones)]

@@ -5,12 +5,27 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from tqdm import tqdm
 
-from avssl_pyro.benchmarks.separation_methods import Estimates, SeparationMethod, TalkerMixture, draw_mixture
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.benchmarks.separation_methods import (
+    BASELINE,
+    OURS,
+    Estimates,
+    SeparationMethod,
+    TalkerMixture,
+    default_methods,
+    draw_mixture,
+)
 from avssl_pyro.evaluation.metrics import Interval, bootstrap_mean
 from avssl_pyro.evaluation.separation_metrics import si_sdr
 from avssl_pyro.evaluation.tables import Column, Table
+from avssl_pyro.simulation.layout import SOME_SILENT, Condition, SceneConfig
+from avssl_pyro.simulation.panoramas import PanoramaSource
+from avssl_pyro.simulation.people import PersonSource
 from avssl_pyro.simulation.scenes import SceneSimulator
+from avssl_pyro.simulation.speech import SpeechSource
+from avssl_pyro.systems.system import System
 
 # Improvements by the name of the method, for every mixture.
 Trials = Sequence[Mapping[str, "Improvements"]]
@@ -155,3 +170,36 @@ def _over_trials(trials: Trials, name: str) -> MethodImprovements:
 
 def _bounds(interval: Interval) -> str:
     return f"{interval.low:.1f} to {interval.high:.1f}"
+
+
+def run_separation(
+    system: System,
+    array: MicrophoneArray,
+    material: tuple[SpeechSource, PersonSource, PanoramaSource],
+    num_scenes: int,
+    seed: int,
+    name: str,
+) -> Table[MethodImprovements]:
+    """Table of the default methods on mixtures of two talkers, among up to two silent people.
+
+    Args:
+        system: trained system.
+        array: microphones of the mixtures.
+        material: speech, people and rooms.
+        num_scenes: number of mixtures.
+        seed: seed of the scenes.
+        name: name of the array in the title.
+    """
+    speech, people, panoramas = material
+    simulator = SceneSimulator(
+        config=SceneConfig(condition=Condition(SOME_SILENT.name, SOME_SILENT.people, talkers=(2,))),
+        seed=seed,
+        speech=speech,
+        people=people,
+        panoramas=panoramas,
+        array=array,
+    )
+    experiment = SeparationExperiment(simulator, default_methods(system, array))
+    trials = [experiment.run(index) for index in tqdm(range(num_scenes), unit="scene", desc="separating")]
+    title = f"{name}: SI-SDR improvement in dB, {num_scenes} mixtures of two talkers, seed {seed}"
+    return separation_table(trials, title, OURS, BASELINE)

@@ -24,14 +24,16 @@ class Command:
     """A sub-command.
 
     Args:
-        module: module of :mod:`avssl_pyro.cli`; its ``main`` runs the command.
+        module: module of :mod:`avssl_pyro.cli`.
         options: name of the dataclass of its options there.
-        summary: what it does, in a few words.
+        summary: its work in a few words.
+        function: name of the function of the module that runs it.
     """
 
     module: str
     options: str
     summary: str
+    function: str = "main"
 
     def load(self, name: str) -> Any:
         """An object of the command's module, which is imported only now."""
@@ -53,14 +55,18 @@ COMMANDS = {
     "gallery": Command("gallery", "GalleryOptions", "draws the overlays of scenes chosen by a rule"),
 }
 BENCHMARKS = {
-    "speed": Command("benchmark", "BenchmarkOptions", "speed and memory"),
-    "elbo": Command("compare_elbo", "CompareOptions", "Pyro's ELBO beside the closed forms"),
-    "combinations": Command("compare_combinations", "CombinationOptions", "priors, likelihoods and guides"),
-    "calibration": Command("calibrate", "CalibrateOptions", "simulation-based calibration of posteriors"),
-    "recordings": Command("compare_recordings", "CompareRecordingsOptions", "labelled recordings without pictures"),
-    "tracking": Command("track_benchmark", "TrackBenchmarkOptions", "tracks beside single windows"),
-    "separation": Command("separation_benchmark", "SeparationBenchmarkOptions", "SI-SDR of separated sources"),
-    "camera": Command("camera_benchmark", "CameraBenchmarkOptions", "yaw and mirror of simulated cameras"),
+    "speed": Command("benchmark", "SpeedOptions", "speed and memory", "speed"),
+    "elbo": Command("benchmark", "ElboOptions", "Pyro's ELBO and the closed forms", "elbo"),
+    "combinations": Command("benchmark", "CombinationsOptions", "priors, likelihoods and guides", "combinations"),
+    "calibration": Command(
+        "benchmark", "CalibrationOptions", "simulation-based calibration of posteriors", "calibration"
+    ),
+    "recordings": Command(
+        "benchmark_recordings", "RecordingsOptions", "labelled recordings without pictures", "recordings"
+    ),
+    "tracking": Command("benchmark_recordings", "TrackingOptions", "tracks and single windows", "tracking"),
+    "separation": Command("benchmark_recordings", "SeparationOptions", "SI-SDR of separated sources", "separation"),
+    "camera": Command("benchmark_recordings", "CameraOptions", "yaw and mirror of simulated cameras", "camera"),
 }
 
 
@@ -91,7 +97,7 @@ def _run(commands: Mapping[str, Command], program: str, words: Sequence[str]) ->
         close = difflib.get_close_matches(name, commands, n=1)
         advice = f"did you mean '{program} {close[0]}'?" if close else f"'{program} --help' lists the commands."
         raise InputError(f"'{program}' has no command '{name}'; {advice}")
-    code: int | None = commands[name].load("main")(rest)
+    code: int | None = commands[name].load(commands[name].function)(rest)
     return code
 
 

@@ -57,8 +57,8 @@ def main(args: Sequence[str] | None = None) -> None:
             (checkpoint,),
             out=options.out,
             cache=options.cache,
-            validation_scenes=options.validation_scenes,
-            test_scenes=options.test_scenes,
+            num_validation_scenes=options.validation_scenes,
+            num_test_scenes=options.test_scenes,
         )
     )
     system = load_checkpoint(checkpoint)

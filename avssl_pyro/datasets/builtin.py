@@ -1,11 +1,12 @@
 """Default data sets of commands: simulated scenes, rendered once into a cache folder."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.compatibility import matching_channels
-from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.datasets.dataset import LabeledClips, SceneDataset
 from avssl_pyro.datasets.generation import GenerationPlan, generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.errors import InputError
@@ -58,3 +59,19 @@ def ensure_dataset(
     """
     generate(plan, workers, progress)
     return SceneDataset(plan.folder, array)
+
+
+def open_scenes(
+    folders: Sequence[Path], array: MicrophoneArray, cache: Path, split: Split, condition: str, num_scenes: int
+) -> LabeledClips:
+    """Scenes of the given folders, or without any the embedded ones of a split and condition.
+
+    Args:
+        folders: folders of shards.
+        array: microphones to read.
+        cache: folder of the embedded scenes.
+        split, condition, num_scenes: selection of the embedded scenes.
+    """
+    if folders:
+        return LabeledClips(SceneDataset(folders, array))
+    return LabeledClips(default_dataset(cache, split, condition, num_scenes, array))

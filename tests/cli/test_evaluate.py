@@ -1,4 +1,4 @@
-"""evaluate.py, compare_elbo.py, gallery.py, benchmark.py and demo.py, each run small from end to end."""
+"""avssl evaluate, gallery, demo, and benchmark elbo and speed, each run small from end to end."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -9,7 +9,7 @@ import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.benchmarks import elbo
-from avssl_pyro.cli import benchmark, compare_elbo, demo, evaluate, gallery
+from avssl_pyro.cli import benchmark, demo, evaluate, gallery
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import save_checkpoint
 from avssl_pyro.systems.config import GuideConfig, ModelConfig
@@ -55,8 +55,8 @@ def test_the_report_has_every_method_and_field(checkpoint: Path, scene_folder: P
 def test_the_comparison_agrees_and_a_wrong_prior_would_not(
     checkpoint: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    short = ["--seconds", "0.05", "--clips", "1", "--draws", "8"]
-    assert compare_elbo.main(["--checkpoint", str(checkpoint), *short]) == 0
+    short = ["--seconds", "0.05", "--num-clips", "1", "--num-draws", "8"]
+    assert benchmark.elbo(["--checkpoint", str(checkpoint), *short]) == 0
     assert "agree." in capsys.readouterr().out
     # The closed form reads its priors from the configuration; another alpha than the model's must be noticed.
     system = elbo.double_precision
@@ -67,11 +67,11 @@ def test_the_comparison_agrees_and_a_wrong_prior_would_not(
         return double
 
     monkeypatch.setattr(elbo, "double_precision", with_another_alpha)
-    assert compare_elbo.main(["--checkpoint", str(checkpoint), *short]) == 1
+    assert benchmark.elbo(["--checkpoint", str(checkpoint), *short]) == 1
     assert "DISAGREE" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("main", [compare_elbo.main, lambda words: gallery.main(["--data", "none", *words])])
+@pytest.mark.parametrize("main", [benchmark.elbo, lambda words: gallery.main(["--data", "none", *words])])
 def test_a_checkpoint_of_another_array_is_refused(main: Callable[[Sequence[str]], object], checkpoint: Path) -> None:
     with pytest.raises(InputError, match=r"small\.safetensors: trained for array 'circle4' with 4 microphones, but"):
         main(["--checkpoint", str(checkpoint), "--array", "circle6"])
@@ -87,7 +87,7 @@ def test_the_demo_leaves_what_it_promises(tmp_path: Path) -> None:
 
 
 def test_the_benchmark_prints_its_ratio(capsys: pytest.CaptureFixture[str]) -> None:
-    benchmark.main(["--array", "circle2", "--batch-size", "2", "--repeats", "2"])
+    benchmark.speed(["--array", "circle2", "--batch-size", "2", "--num-repeats", "2"])
     text = capsys.readouterr().out
     assert "Pyro / plain torch:" in text
     assert "amortized" in text

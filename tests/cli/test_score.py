@@ -27,7 +27,7 @@ def test_directions_are_scored_by_frame_across_the_seam(
     files: tuple[str, str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "300")
-    main(["--labels", files[0], "--estimates", files[1], "--tolerances", "10", "5"])
+    main(["--labels", files[0], "--estimates", files[1], "--tolerances-deg", "10", "5"])
     near, random, far, _ = rows(capsys.readouterr().out)
     assert near[-5:] == ["0.800", "0.667", "1.000", "8.0°", "0.500"]
     assert far[-5:] == ["0.000", "0.000", "0.000", "–", "0.500"]
@@ -51,8 +51,8 @@ def test_what_cannot_be_scored_is_refused(
 ) -> None:
     empty = tmp_path / "empty.csv"
     empty.write_text("")
-    assert "--tolerances has 0" in refusal(
-        lambda: main(["--labels", files[0], "--estimates", files[1], "--tolerances", "0"])
+    assert "--tolerances-deg has 0" in refusal(
+        lambda: main(["--labels", files[0], "--estimates", files[1], "--tolerances-deg", "0"])
     )
     assert "nothing to score" in refusal(lambda: main(["--labels", str(empty), "--estimates", str(empty)]))
     assert "no such file of labels" in refusal(lambda: main(["--labels", "nowhere.csv", "--estimates", files[1]]))

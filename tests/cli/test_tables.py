@@ -14,6 +14,7 @@ from avssl_pyro.benchmarks import paper
 from avssl_pyro.benchmarks.result_tables import METHOD_ORDER
 from avssl_pyro.cli import evaluate
 from avssl_pyro.errors import InputError
+from avssl_pyro.systems import pretrained
 from avssl_pyro.systems.checkpoint import load_checkpoint, save_checkpoint
 from avssl_pyro.systems.config import GuideConfig
 from avssl_pyro.systems.system import System, SystemConfig, build_system
@@ -132,7 +133,7 @@ def test_without_checkpoints_the_shipped_weights_are_compared(
         asked.append(name)
         return load_checkpoint(save_small(tmp_path / f"{name}.safetensors", name))
 
-    monkeypatch.setattr(evaluate, "load_weights_of", shipped)
+    monkeypatch.setattr(pretrained, "load_weights_of", shipped)
     scenes = arguments[arguments.index("--sets") + 1]
     with pytest.raises(RuntimeError, match="all-speak M=2 is run again"):
         evaluate.main(["--tables", "--sets", scenes, "--out", str(tmp_path / "out")])

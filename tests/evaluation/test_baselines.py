@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 import torch
-from pyroomacoustics.doa import SRP
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
@@ -10,7 +9,7 @@ from avssl_pyro.acoustics.steering_kinds import MeasuredKind
 from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.clip import CLIP_SAMPLES, SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.baselines import DoaBaseline, default_baselines, subspace_sources
+from avssl_pyro.evaluation.baselines import SrpPhat, default_baselines, subspace_sources
 from avssl_pyro.evaluation.peaks import PeakSetting
 
 GRID = DirectionGrid()
@@ -119,5 +118,5 @@ def test_every_kind_of_array_is_searched_by_its_own_steering_vectors(other_kind)
 
 
 def test_srp_phat_of_ambisonics_is_refused():
-    with pytest.raises(InputError, match=r"srp needs delays .* 'starss23-foa' hears in first-order .* use MUSIC"):
-        DoaBaseline("srp", SRP, PRESETS["starss23-foa"], GRID)
+    with pytest.raises(InputError, match=r"needs delays .* 'starss23-foa' records in first-order .* use MUSIC"):
+        SrpPhat(PRESETS["starss23-foa"], GRID)

@@ -7,7 +7,7 @@ import pytest
 import soundfile
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.cli.compare_recordings import main
+from avssl_pyro.cli.benchmark_recordings import recordings
 from avssl_pyro.clip import SAMPLE_RATE
 
 ARRAY = PRESETS["circle4"]
@@ -47,7 +47,7 @@ def lines_of(printed: str, title: str) -> dict[str, str]:
 
 
 def test_finds_talkers_that_pause_and_counts_what_is_found(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["--folder", str(folder), "--array", "circle4", "--verbose"])
+    recordings(["--recordings", str(folder), "--array", "circle4", "--verbose"])
     printed = capsys.readouterr().out
     one, two = lines_of(printed, "1 talker: 1 recording"), lines_of(printed, "2 talkers: 1 recording")
     assert tuple(one) == tuple(two) == METHODS
@@ -62,7 +62,7 @@ def test_finds_talkers_that_pause_and_counts_what_is_found(folder: Path, capsys:
 
 
 def test_fewer_classes_than_talkers_miss_some(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["--folder", str(folder), "--array", "circle4", "--classes", "1", "--rounds", "5"])
+    recordings(["--recordings", str(folder), "--array", "circle4", "--num-classes", "1", "--rounds", "5"])
     words = lines_of(capsys.readouterr().out, "2 talkers: 1 recording")["audio-only refined"].split()
     assert int(words[3]) < 2 and words[-3:] == ["0", "of", "1"]
 
@@ -75,8 +75,8 @@ def test_the_example_of_the_page_is_understood(
     (tmp_path / "labels.csv").write_text(example)
     for name in ("one.wav", "two.flac"):
         (tmp_path / name).symlink_to(folder / name)
-    [command] = re.findall(r"^python scripts/compare_recordings.py(.*)$", page, re.MULTILINE)
-    main([*shlex.split(command.replace("FOLDER", shlex.quote(str(tmp_path)))), "--rounds", "2"])
+    [command] = re.findall(r"^avssl benchmark recordings(.*)$", page, re.MULTILINE)
+    recordings([*shlex.split(command.replace("FOLDER", shlex.quote(str(tmp_path)))), "--rounds", "2"])
     assert "2 talkers: 1 recording" in capsys.readouterr().out
 
 
@@ -91,17 +91,17 @@ def test_a_recording_in_which_nothing_can_be_heard_is_named(level_m, says, tmp_p
     noise_nm = np.random.default_rng(0).standard_normal((SAMPLE_RATE // 2, 4))
     soundfile.write(tmp_path / "mute.wav", level_m * noise_nm, SAMPLE_RATE)
     (tmp_path / "labels.csv").write_text("file,azimuth_deg\nmute.wav,30\n")
-    assert says in refusal(lambda: main(["--folder", str(tmp_path), "--array", "circle4"]))
+    assert says in refusal(lambda: recordings(["--recordings", str(tmp_path), "--array", "circle4"]))
 
 
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--classes", "0"], "--classes 0 --rounds 120: give at least one class and one round."),
+        (["--num-classes", "0"], "--num-classes 0 --rounds 120: give at least one class and one round."),
         (["--pause-db", "-3"], "--pause-db -3.0: give a positive number of decibels."),
         (["--peaks.threshold", "2"], "--peaks.threshold 2.0 --peaks.most 4: give a height from 0 to 1"),
         (["--array", "circle6"], "one.wav: 4 channel(s), but array 'circle6' has 6 microphones"),
     ],
 )
 def test_what_cannot_be_compared_is_refused(options, says, folder, refusal):
-    assert says in refusal(lambda: main(["--folder", str(folder), "--array", "circle4", *options]))
+    assert says in refusal(lambda: recordings(["--recordings", str(folder), "--array", "circle4", *options]))

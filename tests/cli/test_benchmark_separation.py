@@ -11,14 +11,15 @@ import pytest
 import soundfile
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.cli import localize, separation_benchmark
+from avssl_pyro.cli import localize
+from avssl_pyro.cli.benchmark_recordings import separation
 from avssl_pyro.datasets.dataset import SceneDataset
 
 PAGE = (Path(__file__).parents[2] / "docs" / "separation.md").read_text(encoding="utf-8")
 
 
-def command_of(script: str) -> list[str]:
-    (command,) = re.findall(rf"^python scripts/{script}((?:.|\\\n)*?[^\\])$", PAGE, re.MULTILINE)
+def command_of(name: str) -> list[str]:
+    (command,) = re.findall(rf"^avssl {name}((?:.|\\\n)*?[^\\])$", PAGE, re.MULTILINE)
     return shlex.split(command.replace("\\\n", " "))
 
 
@@ -33,7 +34,7 @@ def user_folder(scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.usefixtures("user_folder")
 def test_command_and_example_separate_the_same_sources() -> None:
-    localize.main(command_of("localize.py"))
+    localize.main(command_of("localize"))
     named = [source["separated"] for source in json.loads(Path("result.json").read_text())["sources"]]
     assert len(named) >= 2
     (example,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
@@ -46,9 +47,9 @@ def test_command_and_example_separate_the_same_sources() -> None:
 
 
 def test_benchmark_of_the_page(checkpoint: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = command_of("separation_benchmark.py")
-    small = ["--scenes", "1", "--array", "circle4", "--checkpoint", str(checkpoint)]
-    separation_benchmark.main([*words[: words.index("--speech")], *small])
+    words = command_of("benchmark separation")
+    small = ["--num-scenes", "1", "--array", "circle4", "--checkpoint", str(checkpoint)]
+    separation([*words[: words.index("--speech")], *small])
     printed = capsys.readouterr().out
     assert "1 mixtures of two talkers, seed 302" in printed
     for way in ("delay and sum", "refined: Wiener", "one pass: MVDR", "oracle masks", "above delay"):
@@ -56,4 +57,4 @@ def test_benchmark_of_the_page(checkpoint: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_a_benchmark_of_no_scenes_is_refused(refusal: Callable[[Callable[[], int | None]], str]) -> None:
-    assert "--scenes is 0" in refusal(lambda: separation_benchmark.main(["--scenes", "0"]))
+    assert "--num-scenes is 0" in refusal(lambda: separation(["--num-scenes", "0"]))

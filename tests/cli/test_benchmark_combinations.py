@@ -7,20 +7,31 @@ import pytest
 
 from avssl_pyro.benchmarks import combinations
 from avssl_pyro.benchmarks.combinations import RECIPES
-from avssl_pyro.cli import compare_combinations
+from avssl_pyro.cli import benchmark
+from avssl_pyro.cli.options import choose_system
 from avssl_pyro.errors import InputError
 
 
 @pytest.fixture
 def arguments(scene_folder: Path, tmp_path: Path) -> list[str]:
     data = ["--validation-data", str(scene_folder), "--test-data", str(scene_folder)]
-    return [*data, "--validation-scenes", "2", "--test-scenes", "3", "--out", str(tmp_path), "--array", "circle2"]
+    return [
+        *data,
+        "--num-validation-scenes",
+        "2",
+        "--num-test-scenes",
+        "3",
+        "--out",
+        str(tmp_path),
+        "--array",
+        "circle2",
+    ]
 
 
 def test_rows_of_several_combinations_are_kept(
     arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    compare_combinations.main([*arguments, "--first", "2"])
+    benchmark.combinations([*arguments, "--num-combinations", "2"])
     rows = json.loads((tmp_path / "combinations.json").read_text())
     assert [row["guide"] for row in rows] == ["amortized", "refined"]
     # Both bounds are of the same clips under the same model, and the refined posterior is fitted to them.
@@ -35,14 +46,14 @@ def test_rows_of_several_combinations_are_kept(
         raise AssertionError("a kept row was run again")
 
     monkeypatch.setattr(combinations, "run_recipe", run_again)
-    compare_combinations.main([*arguments, "--first", "2"])
+    benchmark.combinations([*arguments, "--num-combinations", "2"])
     assert json.loads((tmp_path / "combinations.json").read_text()) == rows
     with pytest.raises(AssertionError, match="run again"):
-        compare_combinations.main([*arguments, "--first", "2", "--seed", "1"])
+        benchmark.combinations([*arguments, "--num-combinations", "2", "--seed", "1"])
 
 
 def test_every_recipe_can_be_built_for_the_shipped_system() -> None:
-    system, _ = compare_combinations.choose_system(None, "circle4", "circle6")
+    system, _ = choose_system(None, "circle4", "circle6")
     words = {recipe.words for recipe in RECIPES}
     assert len(words) == len(RECIPES) >= 8
     for recipe in RECIPES:
@@ -52,10 +63,10 @@ def test_every_recipe_can_be_built_for_the_shipped_system() -> None:
 
 
 def test_no_scenes_and_damaged_rows_are_told(arguments: list[str], tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--validation-scenes 0 and --test-scenes 3: both must be at least 1"):
-        compare_combinations.main([*(argument if argument != "2" else "0" for argument in arguments)])
-    compare_combinations.main([*arguments, "--first", "1"])
+    with pytest.raises(InputError, match="--num-validation-scenes 0 and --num-test-scenes 3: both must be at least 1"):
+        benchmark.combinations([*(argument if argument != "2" else "0" for argument in arguments)])
+    benchmark.combinations([*arguments, "--num-combinations", "1"])
     (row,) = (tmp_path / "rows").iterdir()
     row.write_text("{")
     with pytest.raises(InputError, match=r"damaged .*; delete it and run the same command again"):
-        compare_combinations.main([*arguments, "--first", "1"])
+        benchmark.combinations([*arguments, "--num-combinations", "1"])

@@ -1,18 +1,18 @@
-"""calibrate.py end to end, on very few scenes."""
+"""avssl benchmark calibration end to end, on very few scenes."""
 
 import json
 from pathlib import Path
 
 import pytest
 
-from avssl_pyro.cli.calibrate import main
+from avssl_pyro.cli.benchmark import calibration
 from avssl_pyro.errors import InputError
 
 
 def test_it_prints_a_table_and_goes_on_where_it_stopped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--out", str(tmp_path), "--posteriors", "refined", "--batch", "2"]
-    main([*arguments, "--trials", "2"])
-    main([*arguments, "--trials", "4"])
+    arguments = ["--out", str(tmp_path), "--posteriors", "refined", "--batch-size", "2"]
+    calibration([*arguments, "--num-trials", "2"])
+    calibration([*arguments, "--num-trials", "4"])
     output = capsys.readouterr().out
     assert "largest level" in output
     assert "log likelihood" in output
@@ -26,6 +26,6 @@ def test_it_prints_a_table_and_goes_on_where_it_stopped(tmp_path: Path, capsys: 
 
 def test_an_unknown_posterior_and_no_trials_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no 'exact'; choose from refined"):
-        main(["--out", str(tmp_path), "--posteriors", "exact"])
+        calibration(["--out", str(tmp_path), "--posteriors", "exact"])
     with pytest.raises(InputError, match="at least 1"):
-        main(["--out", str(tmp_path), "--trials", "0"])
+        calibration(["--out", str(tmp_path), "--num-trials", "0"])

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from avssl_pyro.benchmarks.camera import CameraExperiment, CameraTrial
-from avssl_pyro.cli.camera_benchmark import main
+from avssl_pyro.cli.benchmark_recordings import camera
 from avssl_pyro.errors import InputError
 
 
@@ -13,7 +13,7 @@ def test_trials_are_kept_and_shown(
 ) -> None:
     out = tmp_path / "camera"
     args = ["--array", "circle4", "--checkpoint", str(checkpoint), "--seconds", "8", "--width", "288"]
-    main([*args, "--out", str(out), "--recordings", "1"])
+    camera([*args, "--out", str(out), "--num-recordings", "1"])
     printed = capsys.readouterr().out
     assert "recordings of 8 s" in printed
     (stored,) = out.iterdir()
@@ -22,17 +22,17 @@ def test_trials_are_kept_and_shown(
         raise AssertionError("a stored recording was run again")
 
     monkeypatch.setattr(CameraExperiment, "run", run_again)
-    main([*args, "--out", str(out), "--recordings", "1"])
+    camera([*args, "--out", str(out), "--num-recordings", "1"])
     assert capsys.readouterr().out == printed
     with pytest.raises(AssertionError, match="run again"):
-        main([*args, "--out", str(out), "--recordings", "1", "--seed", "1"])
+        camera([*args, "--out", str(out), "--num-recordings", "1", "--seed", "1"])
     stored.write_text('{"settings": {}, "result": {"index": 0}}')
     with pytest.raises(InputError, match=r"00000-\w+\.json: damaged .*; delete it"):
-        main([*args, "--out", str(out), "--recordings", "1"])
+        camera([*args, "--out", str(out), "--num-recordings", "1"])
 
 
 def test_no_recordings_are_refused(refusal: Callable[[Callable[[], int | None]], str]) -> None:
-    assert "at least 1 recording" in refusal(lambda: main(["--recordings", "0"]))
+    assert "at least 1 recording" in refusal(lambda: camera(["--num-recordings", "0"]))
 
 
 @pytest.mark.parametrize(

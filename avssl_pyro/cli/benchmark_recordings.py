@@ -1,0 +1,283 @@
+"""Benchmarks on recordings and sound: ``avssl benchmark {recordings, tracking, separation, camera}``."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import tyro
+from attrs import evolve
+
+from avssl_pyro.benchmarks.detections import DetectorConfig
+from avssl_pyro.cli.options import AssetOptions, choose_system, parse_options
+from avssl_pyro.errors import InputError
+from avssl_pyro.guides.refinement_config import RefinementConfig
+from avssl_pyro.localization.posterior import SourceThresholds
+from avssl_pyro.simulation.motion import MovingPeopleConfig, MovingTalkersConfig
+from avssl_pyro.simulation.moving_source import MovingAudioConfig
+from avssl_pyro.systems.config import ModelConfig
+from avssl_pyro.tracking.tracker import TrackingConfig
+from avssl_pyro.training.config import PRESETS
+
+if TYPE_CHECKING:
+    from avssl_pyro.benchmarks.tracking import RenderedRecordings, SimulatedRecordings
+    from avssl_pyro.evaluation.metrics import Azimuths
+    from avssl_pyro.recordings.labeled_recordings import LabeledRecording
+
+
+@dataclass(frozen=True)
+class BaselinePeaks:
+    """Conditions under which a peak of a baseline's spectrum counts as a source, where they are not tuned."""
+
+    threshold: float = 0.5
+    """Least height over the spectrum's minimum, relative to that of its maximum."""
+    most: int = 4
+    """Largest number of sources."""
+
+
+@dataclass(frozen=True)
+class RecordingsOptions:
+    """Compare methods on labelled recordings, each of them one clip, without pictures and without training.
+
+    labels.csv in the folder has the columns file and azimuth_deg: the name of a WAV or FLAC file of up to ten seconds,
+    and the azimuths of everybody who talks in it, in degrees counter-clockwise from the array's x axis, with blanks
+    between them.
+    """
+
+    recordings: Path
+    """Folder with the recordings and labels.csv."""
+    array: str = "respeaker4"
+    """Array of the recordings: a preset or a YAML file."""
+    num_classes: int = 9
+    """Source classes of the model, one of them for noise."""
+    rounds: int = 120
+    """Largest number of rounds of refinement."""
+    pause_db: float = 20.0
+    """Decibels below the loudest frame of a recording; quieter frames are pauses and are left out."""
+    thresholds: SourceThresholds = field(default_factory=SourceThresholds)
+    """Conditions under which a source class counts as a talker."""
+    peaks: BaselinePeaks = field(default_factory=BaselinePeaks)
+    baseline_band_hz: tuple[float, float] = (500.0, 4000.0)
+    """Frequencies that the baselines search."""
+    verbose: bool = False
+    """Print the estimates for every recording."""
+
+
+def recordings(args: Sequence[str] | None = None) -> None:
+    """Runs ``avssl benchmark recordings``.
+
+    Raises:
+        InputError: the folder, its list or a recording cannot be used.
+    """
+    options = parse_options(RecordingsOptions, args)
+    if min(options.num_classes, options.rounds) < 1:
+        raise InputError(
+            f"--num-classes {options.num_classes} --rounds {options.rounds}: give at least one class and one round."
+        )
+    if not options.pause_db > 0:
+        raise InputError(f"--pause-db {options.pause_db}: give a positive number of decibels.")
+    peaks = options.peaks
+    if not 0 <= peaks.threshold <= 1 or peaks.most < 1:
+        raise InputError(
+            f"--peaks.threshold {peaks.threshold} --peaks.most {peaks.most}: give a height from 0 to 1 and at least "
+            "one source."
+        )
+    from avssl_pyro.acoustics.presets import resolve_array
+    from avssl_pyro.benchmarks.recordings import NOTES, RecordingsExperiment, comparison_tables
+    from avssl_pyro.evaluation.peaks import PeakSetting
+    from avssl_pyro.evaluation.tables import print_tables
+    from avssl_pyro.recordings.labeled_recordings import read_labeled_recordings
+    from avssl_pyro.systems.system import SystemConfig
+
+    # Model and spectrogram are those of the pretrained weights, of which nothing else is used.
+    preset = PRESETS["two-cores"]
+    experiment = RecordingsExperiment(
+        SystemConfig(
+            resolve_array(options.array), evolve(preset.model, num_sources=options.num_classes), stft=preset.stft
+        ),
+        RefinementConfig(rounds=options.rounds),
+        options.thresholds,
+        PeakSetting(peaks.threshold, peaks.most),
+        options.pause_db,
+        options.baseline_band_hz,
+    )
+    labelled = read_labeled_recordings(options.recordings)
+    estimated = experiment.run(labelled)
+    if options.verbose:
+        _print_each(labelled, estimated)
+    print_tables(comparison_tables([np.array(recording.azimuths) for recording in labelled], estimated, NOTES))
+
+
+def _print_each(labelled: "Sequence[LabeledRecording]", estimated: "dict[str, list[Azimuths]]") -> None:
+    for index, recording in enumerate(labelled):
+        print(f"{recording.path.name}: {_degrees(recording.azimuths)}")
+        for name, azimuths in estimated.items():
+            print(f"  {name}: {_degrees(azimuths[index])}")
+
+
+def _degrees(azimuths: Iterable[float]) -> str:
+    """Whole degrees from 0 to 359 in rising order."""
+    rounded = sorted(round(float(np.rad2deg(azimuth))) % 360 for azimuth in azimuths)
+    return " ".join(str(degrees) for degrees in rounded) or "nobody"
+
+
+@dataclass(frozen=True)
+class TrackingOptions:
+    """Compare tracked sources with single windows on the same simulated detections."""
+
+    num_recordings: int = 10
+    """Number of recordings."""
+    talkers: MovingTalkersConfig = field(default_factory=MovingTalkersConfig)
+    detector: DetectorConfig = field(default_factory=DetectorConfig)
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    rendered: bool = False
+    """Render the talkers in a room and localize their sound window by window, instead of drawing detections."""
+    array: str = "circle6"
+    """Array of rendered recordings: a preset or a YAML file."""
+    num_classes: int = 5
+    """Source classes of the model for rendered recordings, one of them for noise."""
+    rounds: int = 90
+    """Largest number of rounds of refinement; many are needed without a picture."""
+    audio: MovingAudioConfig = field(default_factory=MovingAudioConfig)
+    tolerance_deg: float = 10.0
+    """Largest error that counts as correct."""
+    lag: int = 3
+    """Windows that live tracking waits for."""
+    seed: int = 0
+    """Seed of the recordings."""
+
+
+def tracking(args: Sequence[str] | None = None) -> None:
+    """Runs ``avssl benchmark tracking``.
+
+    Raises:
+        InputError: there is nothing to track.
+    """
+    options = parse_options(TrackingOptions, args)
+    if options.num_recordings < 1 or options.talkers.seconds < 2 * options.talkers.step_s:
+        raise InputError(
+            f"--num-recordings {options.num_recordings} of {options.talkers.seconds} s: give at least one, of two "
+            "windows."
+        )
+    from tqdm import tqdm
+
+    from avssl_pyro.benchmarks.tracking import compare_links, tracking_table
+
+    source = _recording_source(options)
+    drawn = [source.draw(index) for index in tqdm(range(source.count), desc="recordings")]
+    scores = compare_links(drawn, options.tracking, float(np.deg2rad(options.tolerance_deg)), options.lag)
+    title = f"{source.count} recordings of {options.talkers.seconds:g} s, tolerance {options.tolerance_deg:g}°"
+    tracking_table(scores, title).print()
+
+
+def _recording_source(options: TrackingOptions) -> "SimulatedRecordings | RenderedRecordings":
+    from avssl_pyro.acoustics.presets import resolve_array
+    from avssl_pyro.benchmarks.tracking import RenderedRecordings, SimulatedRecordings
+    from avssl_pyro.localization.localizer import Localizer
+    from avssl_pyro.systems.system import SystemConfig, build_system
+
+    if not options.rendered:
+        return SimulatedRecordings(options.talkers, options.detector, options.num_recordings, options.seed)
+    system = build_system(SystemConfig(resolve_array(options.array), ModelConfig(num_sources=options.num_classes)))
+    localizer = Localizer(system, refinement=RefinementConfig(rounds=options.rounds), audio_only=True)
+    return RenderedRecordings(
+        localizer, talkers=options.talkers, audio=options.audio, count=options.num_recordings, seed=options.seed
+    )
+
+
+@dataclass(frozen=True)
+class SeparationOptions:
+    """Separate two talkers, among up to two silent people, and compare with methods that use the truth.
+
+    Scores are improvements of SI-SDR over the first microphone, in dB: against each talker's reverberant image at that
+    microphone, and against the direct sound alone. A talker without a source within 10 degrees counts as 0.
+    Rows: delay and sum towards the true mouths; the refined posterior with its filters, also with its own masks,
+    unfitted; that of one forward pass; and ideal ratio masks from the talkers' own power.
+    """
+
+    num_scenes: int = 50
+    """Number of mixtures."""
+    array: str = "circle6"
+    """Array of the mixtures: a preset or a YAML file."""
+    checkpoint: Path | None = None
+    """Checkpoint of a training for this array; by default the pretrained weights."""
+    material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
+    seed: int = 0
+    """Seed of the scenes."""
+
+
+def separation(args: Sequence[str] | None = None) -> None:
+    """Runs ``avssl benchmark separation``.
+
+    Raises:
+        InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`.
+    """
+    options = parse_options(SeparationOptions, args)
+    if options.num_scenes < 1:
+        raise InputError(f"--num-scenes is {options.num_scenes}; give a number of at least 1.")
+    from avssl_pyro.benchmarks.separation import run_separation
+
+    system, array = choose_system(options.checkpoint, options.array)
+    material = options.material
+    sources = (material.speech_source(), material.person_source(), material.panorama_source())
+    run_separation(system, array, sources, options.num_scenes, options.seed, options.array).print()
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """Estimate the yaw and mirror of cameras of simulated recordings, turned and mirrored at random.
+
+    Every result is stored in --out: the same command continues where it stopped.
+    """
+
+    num_recordings: int = 20
+    """Number of recordings."""
+    seconds: float = 60.0
+    """Length of each."""
+    array: str = "circle6"
+    """Array of the recordings: a preset or a YAML file."""
+    checkpoint: Path | None = None
+    """Checkpoint of a training for this array; by default the pretrained weights."""
+    material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
+    standing_share: float = MovingPeopleConfig.standing_share
+    """Expected share of people who never walk. Two talkers who stand for the whole recording look the same in a picture
+    that is mirrored and turned so that they change places: no search can decide."""
+    width: int = 576
+    """Columns of the pictures, which are half as high."""
+    seed: int = 0
+    """Seed of the recordings."""
+    out: Path = Path("runs/camera")
+    """Folder that stores the result of every recording."""
+
+
+def camera(args: Sequence[str] | None = None) -> None:
+    """Runs ``avssl benchmark camera``.
+
+    Raises:
+        InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`.
+    """
+    options = parse_options(CameraOptions, args)
+    if not 0 <= options.standing_share <= 1:
+        raise InputError(f"--standing-share is {options.standing_share:g}; give a share from 0 to 1.")
+    if options.num_recordings < 1 or options.seconds < 8 or options.seed < 0 or options.width < 288:
+        raise InputError(
+            f"--num-recordings {options.num_recordings} --seconds {options.seconds:g} --width {options.width} --seed "
+            f"{options.seed}: give at least 1 recording, 8 s, 288 columns and the seed 0."
+        )
+    from avssl_pyro.benchmarks.camera import CameraExperiment, camera_table
+    from avssl_pyro.simulation.recordings import Camera
+    from avssl_pyro.systems.checkpoint import fingerprint
+
+    system, array = choose_system(options.checkpoint, options.array)
+    config = MovingPeopleConfig(standing_share=options.standing_share)
+    simulator = options.material.recording_simulator(
+        config, options.seconds, options.seed, array, Camera(options.width)
+    )
+    settings = {
+        "system": fingerprint(system),
+        "material": str(options.material),
+        **{name: getattr(options, name) for name in ("seconds", "array", "standing_share", "width", "seed")},
+    }
+    trials = CameraExperiment(simulator, system).run_all(options.num_recordings, options.out, settings)
+    camera_table(trials, options.array, options.seconds).print()
