@@ -1,6 +1,7 @@
 """Pages of docs/ can be read without the site; that every page is in it, and its links there, the build checks."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -55,3 +56,12 @@ def test_every_cited_work_is_in_the_bibliography() -> None:
         cited |= {f"{name.lower()}{year}" for name, year in WORK.findall(words)}
     assert len(cited) > 15
     assert not {work for work in cited if not any(key.endswith(work) for key in keys)}
+
+
+def test_every_module_but_the_commands_has_a_page() -> None:
+    listed = set(re.findall(r"^   (avssl_pyro\.\w+)$", (ROOT / "docs" / "api.rst").read_text(), re.MULTILINE))
+    setuptools = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    packages = {name for name in setuptools["packages"] if name.count(".") == 1}
+    modules = {f"avssl_pyro.{path.stem}" for path in (ROOT / "avssl_pyro").glob("[!_]*.py")}
+    # Packages are listed with all that is in them; commands explain themselves by --help.
+    assert listed == packages - {"avssl_pyro.cli"} | modules
