@@ -81,7 +81,7 @@ def localize_recording(
         InputError, OSError: before anything is written, if the input or an output is at fault.
     """
     from avssl_pyro.interruption import GracefulInterrupt
-    from avssl_pyro.io.video_writer import check_video_name, has_encoder
+    from avssl_pyro.io.video_writer import check_video_name
     from avssl_pyro.tracking import recording_localizer as library
 
     rate = options.rate if options.rate is not None else library.default_rate_hz(refined)
@@ -91,12 +91,6 @@ def localize_recording(
     if options.annotated is not None:
         check_video_name(options.annotated)
     check_outputs((out, options.dcase, options.annotated), (audio, options.video))
-    if options.annotated is not None and not has_encoder():
-        print(
-            "note: without PyAV the video is MPEG-4 Part 2 without sound, which browsers do not play; "
-            "pip install 'avssl-pyro[video]' for H.264.",
-            file=sys.stderr,
-        )
     with GracefulInterrupt() as stop:
         timeline = library.localize_recording(
             recording, localizer, rate_hz=rate, tracking=options.tracking, interrupt=stop, progress=True

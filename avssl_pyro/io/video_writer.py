@@ -1,13 +1,13 @@
 """Videos to disk, whole or not at all, in formats that browsers play."""
 
 import contextlib
-import importlib.util
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, cast
 
+import av
 import cv2
 import numpy as np
 import numpy.typing as npt
@@ -28,12 +28,12 @@ ENCODER_THREADS = 2
 
 @dataclass(frozen=True)
 class VideoFormat:
-    """A container with its codecs.
+    """A container format with its codecs.
 
     Args:
-        container, video_codec, audio_codec: FFmpeg's names.
-        options: of the video codec; a quality that looks like the source, at a speed that two cores can afford.
-        container_options: of the container.
+        container, video_codec, audio_codec: names in FFmpeg.
+        options: settings of the video codec; visually lossless, at a speed that two cores can afford.
+        container_options: settings of the container.
     """
 
     container: str
@@ -59,55 +59,40 @@ FORMATS = {
 
 @dataclass(frozen=True)
 class SoundTrack:
-    """Sound of a video.
+    """Sound track of a video.
 
     Args:
-        sample_rate: of the blocks, hertz.
-        blocks: consecutive blocks from the time of the first frame on, float32 (2, N): left, right.
+        sample_rate: sample rate of the blocks in Hz.
+        blocks: consecutive blocks from the first frame on, float32 (2, N): left, right.
     """
 
     sample_rate: int
     blocks: Iterable[npt.NDArray[np.float32]]
 
 
-class VideoWriter(Protocol):
-    """Takes the frames of a video in order."""
-
-    def write(self, frame_ijc: npt.NDArray[np.uint8], time_s: float) -> None:
-        """Adds an RGB frame, (height, width, 3), to be shown from ``time_s`` (seconds from the video's start) on."""
-
-
-def has_encoder() -> bool:
-    """Whether PyAV is installed, which brings the encoders along."""
-    return importlib.util.find_spec("av") is not None
-
-
 def check_video_name(path: Path) -> None:
-    """Refuses a video that could not be written.
+    """Checks that the name of a video has a format that can be written.
 
     Raises:
-        InputError: the name ends in neither .mp4 nor .webm, or the format wants PyAV, which is not installed.
+        InputError: the name ends in neither .mp4 nor .webm.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: videos are written as H.264 or VP9; give a name that ends in .mp4 or .webm.")
-    if path.suffix.lower() == ".webm" and not has_encoder():
-        raise InputError(f"{path}: VP9 is written by PyAV; install it (pip install 'avssl-pyro[video]').")
 
 
 @contextlib.contextmanager
 def open_video(
     path: Path, width: int, height: int, frame_rate: float, sound: SoundTrack | None = None
-) -> Iterator[VideoWriter]:
-    """A writer of frames; the video is in place, whole, when the body has ended well.
+) -> Iterator["VideoWriter"]:
+    """Opens a writer of frames; the finished video is in place once the body ends without an error.
 
-    ``.mp4`` becomes H.264 (yuv420p) with AAC, ``.webm`` VP9 with Opus. Without PyAV, ``.mp4`` becomes MPEG-4 Part 2
-    without sound and at a constant rate, by OpenCV: players show it, browsers do not.
+    ``.mp4`` becomes H.264 (yuv420p) with AAC, ``.webm`` VP9 with Opus.
 
     Args:
-        path: the video, .mp4 or .webm.
-        width, height: size of the frames, even.
-        frame_rate: frames per second, roughly; frames are shown at their own times.
-        sound: what is heard.
+        path: video file, .mp4 or .webm.
+        width, height: size of the frames in pixels, even.
+        frame_rate: approximate rate in frames per second; every frame has its own time.
+        sound: sound track, if there is one.
 
     Raises:
         InputError: see :func:`check_video_name`.
@@ -115,24 +100,18 @@ def open_video(
     """
     check_video_name(path)
     with atomic_replacement(path) as temporary:
-        if not has_encoder():
-            with contextlib.closing(_OpenCVWriter(temporary, path, width, height, frame_rate)) as plain:
-                yield plain
-            return
-        import av  # noqa: PLC0415 - an optional dependency
-
         kind = FORMATS[path.suffix.lower()]
         try:
             with av.open(str(temporary), "w", format=kind.container, options=dict(kind.container_options)) as container:
-                writer = _AvWriter(container, kind, width, height, frame_rate, sound)
+                writer = VideoWriter(container, kind, width, height, frame_rate, sound)
                 yield writer
                 writer.finish()
         except av.FFmpegError as error:
             raise OSError(error.errno, error.strerror, str(path)) from error
 
 
-class _AvWriter:
-    """Encodes and interleaves picture and sound through FFmpeg."""
+class VideoWriter:
+    """Writer of frames in order, with sound interleaved; :func:`open_video` returns it."""
 
     def __init__(
         self,
@@ -163,10 +142,9 @@ class _AvWriter:
         self._samples = 0
 
     def write(self, frame_ijc: npt.NDArray[np.uint8], time_s: float) -> None:
-        from av import VideoFrame  # noqa: PLC0415
-
+        """Adds an RGB frame, (height, width, 3), to be shown from ``time_s`` on, in seconds from the start."""
         planes_ij = cv2.cvtColor(frame_ijc, cv2.COLOR_RGB2YUV_I420)
-        frame = VideoFrame.from_ndarray(np.asarray(planes_ij, dtype=np.uint8), format="yuv420p")
+        frame = av.VideoFrame.from_ndarray(np.asarray(planes_ij, dtype=np.uint8), format="yuv420p")
         # Two frames at one time, as cameras sometimes stamp them, would be refused.
         self._last_pts = max(round(time_s * CLOCK), self._last_pts + 1)
         frame.pts, frame.time_base = self._last_pts, Fraction(1, CLOCK)
@@ -174,6 +152,7 @@ class _AvWriter:
         self._write_sound(time_s)
 
     def finish(self) -> None:
+        """Writes what the encoders still hold."""
         self._container.mux(self._video.encode())
         self._write_sound(self._last_pts / CLOCK)
         if self._audio is not None:
@@ -181,35 +160,14 @@ class _AvWriter:
 
     def _write_sound(self, until_s: float) -> None:
         """Encodes sound up to a time, so that the file holds both side by side."""
-        from av import AudioFrame  # noqa: PLC0415
-
         if self._sound is None or self._audio is None:
             return
         while self._samples < until_s * self._sound.sample_rate:
             block_cn = next(self._blocks, None)
             if block_cn is None:
                 return
-            frame = AudioFrame.from_ndarray(np.ascontiguousarray(block_cn), format="fltp", layout="stereo")
+            frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(block_cn), format="fltp", layout="stereo")
             frame.sample_rate, frame.pts = self._sound.sample_rate, self._samples
             frame.time_base = Fraction(1, self._sound.sample_rate)
             self._samples += block_cn.shape[1]
             self._container.mux(self._audio.encode(frame))
-
-
-class _OpenCVWriter:
-    """What can be done without PyAV; the pip builds of OpenCV encode neither H.264 nor, at a bearable speed, VP9."""
-
-    def __init__(self, temporary: Path, path: Path, width: int, height: int, frame_rate: float) -> None:
-        # OpenCV tells the format by the name.
-        self._named = temporary.with_name(temporary.name + path.suffix)
-        self._temporary = temporary
-        self._writer = cv2.VideoWriter(str(self._named), cv2.VideoWriter.fourcc(*"mp4v"), frame_rate, (width, height))
-        if not self._writer.isOpened():
-            raise OSError(None, "OpenCV cannot write a video there", str(path))
-
-    def write(self, frame_ijc: npt.NDArray[np.uint8], time_s: float) -> None:  # noqa: ARG002 - it has one rate
-        self._writer.write(cv2.cvtColor(frame_ijc, cv2.COLOR_RGB2BGR))
-
-    def close(self) -> None:
-        self._writer.release()
-        self._named.replace(self._temporary)

@@ -4,13 +4,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import av
-import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.io import video_writer
 from avssl_pyro.io.video_writer import SoundTrack, check_video_name, open_video
 
 WIDTH, HEIGHT, RATE = 320, 180, 10.0
@@ -101,17 +99,3 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 def test_other_names_are_refused() -> None:
     with pytest.raises(InputError, match=r"out\.avi: .* ends in \.mp4 or \.webm"):
         check_video_name(Path("out.avi"))
-
-
-def test_without_the_encoders_opencv_writes_what_it_can(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video_writer, "has_encoder", lambda: False)
-    path = tmp_path / "out.mp4"
-    with open_video(path, WIDTH, HEIGHT, RATE, SoundTrack(SAMPLE_RATE, tone(0.5))) as video:
-        for index in range(5):
-            video.write(picture(index), index / RATE)
-    assert [entry.name for entry in tmp_path.iterdir()] == ["out.mp4"]
-    reader = cv2.VideoCapture(str(path))
-    assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == 5
-    reader.release()
-    with pytest.raises(InputError, match="VP9 is written by PyAV"):
-        check_video_name(Path("out.webm"))
