@@ -92,7 +92,7 @@ def test_the_command_of_the_page_works(
     recording: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
-    commands = re.findall(r"^python scripts/localize\.py (.*?[^\\])$", page, re.DOTALL | re.MULTILINE)
+    commands = re.findall(r"^avssl localize (.*?[^\\])$", page, re.DOTALL | re.MULTILINE)
     (command,) = (command for command in commands if "walk.mp4" in command)
     monkeypatch.chdir(tmp_path)
     words = shlex.split(command.replace("\\\n", " "))
