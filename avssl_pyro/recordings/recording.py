@@ -18,7 +18,7 @@ from avssl_pyro.io.images import fit_image, is_full_sphere
 from avssl_pyro.io.projection_check import check_equirectangular
 from avssl_pyro.io.video_reader import VideoFile
 
-__all__ = ["AudioFile", "Recording", "VideoFile"]
+__all__ = ["Alignment", "AudioFile", "Recording", "VideoFile"]
 
 _BLOCK_SECONDS = 4.0
 _GREY = 128
