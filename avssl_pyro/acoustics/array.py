@@ -1,4 +1,4 @@
-"""A microphone array: positions, channels and kind of steering, their validation, and the YAML file of them."""
+"""A microphone array: positions, channels and steering, their validation, and their YAML file."""
 
 import math
 from dataclasses import dataclass, field
@@ -27,21 +27,20 @@ KEYS = ("name", "positions_m", "speed_of_sound", "channels", "steering")
 
 @dataclass(frozen=True)
 class MicrophoneArray:
-    """M microphones: where they are, how they hear, and on which channels they are recorded.
+    """M microphones with their positions, their steering model and their channels in a recording.
 
     Args:
         name: free text, shown in results.
         positions_m: M rows of (x, y, z) in metres; x forward, y left, z up, measured from the camera's axis. Empty for
-            ambisonics, whose channels have no place, and if need be for measured responses.
-        speed_of_sound: metres per second.
-        steering: by which model the array hears; free field by default.
-        channels: the channel of each microphone in a recording, counted from 1 as on a recorder's labels; by default a
-            recording has the channels of the microphones, in order, and no other.
+            ambisonics, whose channels have no positions; optional for measured responses.
+        speed_of_sound: speed of sound, metres per second.
+        steering: steering model of the array, free field by default.
+        channels: channel of each microphone in a recording, counted from 1 as on a recorder's labels. By default a
+            recording has one channel per microphone, in order.
 
     Raises:
-        InputError: for fewer than two microphones, non-finite positions, two microphones in one place, an array
-            wider than 5 m, positions that do not go with the kind of steering, or channels that are not M different
-            positive numbers; the message names the microphone, counted from 1.
+        InputError: there are fewer than two microphones, positions are not finite or equal, the array is wider than
+            5 m, positions do not fit the steering model, or channels are not M different positive numbers.
 
     >>> corners = ((0.05, 0.05, 0.0), (-0.05, 0.05, 0.0), (-0.05, -0.05, 0.0), (0.05, -0.05, 0.0))
     >>> MicrophoneArray("square", corners).num_microphones
@@ -62,24 +61,20 @@ class MicrophoneArray:
                     f"{where}: microphone {index} has {len(position)} coordinates; give x, y, z in metres."
                 )
             if not np.isfinite(position).all():
-                raise InputError(f"{where}: microphone {index} lies at {position}; all coordinates must be finite.")
+                raise InputError(f"{where}: microphone {index} is at {position}; all coordinates must be finite.")
         if self.num_microphones < 2:
             raise InputError(f"{where}: it has {self.num_microphones} microphone(s); localization needs at least two.")
         for (i, first), (j, second) in combinations(enumerate(self.positions_m, start=1), 2):
             distance = math.dist(first, second)
             if distance < MIN_SPACING_M:
-                raise InputError(
-                    f"{where}: microphones {i} and {j} are both at {first}; every microphone needs its own place."
-                )
+                raise InputError(f"{where}: microphones {i} and {j} are both at {first}; give different positions.")
             if distance > MAX_EXTENT_M:
                 raise InputError(
                     f"{where}: microphones {i} and {j} are {distance:.4g} m apart, more than {MAX_EXTENT_M:g} m; "
-                    "positions are in metres, were these millimetres?"
+                    "give positions in metres, not millimetres."
                 )
         if not (np.isfinite(self.speed_of_sound) and 100.0 <= self.speed_of_sound <= 2000.0):
-            raise InputError(
-                f"{where}: a speed of sound of {self.speed_of_sound} m/s is out of range; air has about 343."
-            )
+            raise InputError(f"{where}: the speed of sound is {self.speed_of_sound} m/s; give 100 to 2000 (air: 343).")
         self.steering.check(self)
         if self.channels is not None:
             self._check_channels(self.channels, where)
@@ -96,7 +91,7 @@ class MicrophoneArray:
             other = channels.index(channel) + 1
             if other != microphone:
                 raise InputError(
-                    f"{where}: microphones {other} and {microphone} are both on channel {channel}; each has its own."
+                    f"{where}: microphones {other} and {microphone} are both on channel {channel}; give different ones."
                 )
 
     @property
@@ -106,7 +101,7 @@ class MicrophoneArray:
 
     @property
     def positions(self) -> npt.NDArray[np.float64]:
-        """Positions, (M, 3), metres; (0, 3) where there are none."""
+        """Positions, (M, 3), metres; (0, 3) for an array without positions."""
         return np.array(self.positions_m, dtype=np.float64).reshape(-1, 3)
 
     @property
@@ -117,27 +112,27 @@ class MicrophoneArray:
         return tuple(channel - 1 for channel in self.channels)
 
     def steering_vectors(self, grid: DirectionGrid, frequencies_hz: npt.NDArray[np.float64]) -> Tensor:
-        """Steering vectors of the array's own kind, complex128 (F, D, M); a steering model as a method.
+        """Computes the steering vectors of the array, complex128 (F, D, M).
 
         Raises:
-            InputError: measured responses cannot be read, or do not reach up to the frequencies.
+            InputError: measured responses cannot be read, or end below the frequencies.
         """
         return self.steering.model(self)(grid, frequencies_hz)
 
     def select(self, channels: tuple[int, ...], name: str | None = None) -> "MicrophoneArray":
-        """The sub-array of the given channels (counted from 0), in the given order.
+        """Returns the sub-array of microphones (counted from 0), in the given order.
 
         Raises:
-            InputError: the channels of this kind of array belong together.
+            InputError: an array with this steering has no sub-arrays.
         """
         if self.steering.num_microphones is not None:
-            raise InputError(f"array '{self.name}' hears {self.steering.description}; it has no sub-arrays.")
+            raise InputError(f"array '{self.name}' is {self.steering.description}; it has no sub-arrays.")
         positions = tuple(self.positions_m[channel] for channel in channels)
         mapped = None if self.channels is None else tuple(self.channels[channel] for channel in channels)
         return MicrophoneArray(name or self.name, positions, self.speed_of_sound, self.steering, mapped)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values; what is as by default is left out, so that free field looks as it always did."""
+        """Returns plain values, without those that equal the defaults."""
         data: dict[str, Any] = {"name": self.name, "speed_of_sound": self.speed_of_sound}
         if self.positions_m:
             data["positions_m"] = [list(position) for position in self.positions_m]
@@ -152,9 +147,9 @@ class MicrophoneArray:
         """Builds an array from the mapping that :meth:`to_dict` writes.
 
         Args:
-            data: the mapping.
-            where: names the source in messages.
-            folder: what the path of a file of measured responses is relative to.
+            data: mapping of keys to values.
+            where: name of the source in messages.
+            folder: folder to which the path of a SOFA file is relative.
 
         Raises:
             InputError: a key is missing, unknown, or has the wrong type, or the geometry is wrong.
@@ -208,11 +203,11 @@ class MicrophoneArray:
             data = yaml.safe_load(path.read_text(encoding="utf-8"))
         except UnicodeDecodeError as error:
             raise InputError(
-                f"{path}: is no text; give a YAML file, which may name a SOFA file of measured responses."
+                f"{path} is no text file; give a YAML file, which may name a SOFA file of measured responses."
             ) from error
         except OSError as error:
             raise InputError(f"{path}: cannot read the array file ({error}).") from error
-        # YAML's own constructors let ValueError through (a date such as 2020-13-45), and deep nesting RecursionError.
+        # YAML's constructors may raise ValueError (a date such as 2020-13-45); deep nesting raises RecursionError.
         except (yaml.YAMLError, ValueError, RecursionError) as error:
             problem = " ".join(str(error).split())
             raise InputError(f"{path}: not valid YAML ({problem}); expected 'positions_m' rows in metres.") from error

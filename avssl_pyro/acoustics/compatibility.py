@@ -31,7 +31,7 @@ def check_channels(found: int, array: MicrophoneArray, where: str) -> None:
 
 
 def matching_channels(recorded: MicrophoneArray, wanted: MicrophoneArray, where: str) -> tuple[int, ...]:
-    """Channels of ``recorded``, counted from 0, in the order of the microphones of ``wanted``.
+    """Returns the channels of ``recorded``, counted from 0, in the order of the microphones of ``wanted``.
 
     Raises:
         InputError: the kinds of steering differ, or a microphone of ``wanted`` is not within 0.1 mm of any of
@@ -40,7 +40,7 @@ def matching_channels(recorded: MicrophoneArray, wanted: MicrophoneArray, where:
     if recorded.steering != wanted.steering:
         raise InputError(
             f"{where}: it was recorded with array '{recorded.name}' {recorded.steering.description}, but array "
-            f"'{wanted.name}' hears {wanted.steering.description}; give a recording of that array."
+            f"'{wanted.name}' is {wanted.steering.description}; give a recording of that array."
         )
     if wanted.steering.num_microphones is not None:
         # The kind of steering fixes the order of the channels, whatever positions the files give.
@@ -74,7 +74,7 @@ def check_trained_array(trained: MicrophoneArray, array: MicrophoneArray, where:
         )
     if trained.steering != array.steering:
         raise InputError(
-            f"{where}: trained for array '{trained.name}' {trained.steering.description}, but '{array.name}' hears "
+            f"{where}: trained for array '{trained.name}' {trained.steering.description}, but '{array.name}' is "
             f"{array.steering.description}; give a checkpoint of this array."
         )
     if len(trained.positions) != len(array.positions):

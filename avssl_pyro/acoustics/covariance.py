@@ -1,7 +1,7 @@
-"""Spatial covariance matrices and the real-valued algebra that keeps them fast.
+"""Spatial covariance matrices and their real-valued features.
 
-A Hermitian M x M matrix has M^2 real degrees of freedom. Written in them, sums of covariances and quadratic forms
-become real matrix products, several times faster than complex triangular solves.
+A Hermitian M x M matrix has M^2 real degrees of freedom. In these features, sums of covariances and quadratic forms
+are real matrix products, several times faster than complex triangular solves.
 """
 
 import math
@@ -12,16 +12,16 @@ from torch import Tensor
 
 
 def template_covariances(steering_fdm: Tensor) -> Tensor:
-    """Rank-one templates G_fd = a_fd a_fd^H, complex (D, F, M, M); the paper's Sec. III-C."""
+    """Computes the rank-one templates G_fd = a_fd a_fd^H, complex (D, F, M, M); the paper's Sec. III-C."""
     outer_fdmm = steering_fdm[..., :, None] * steering_fdm[..., None, :].conj()
     return outer_fdmm.transpose(0, 1).contiguous()
 
 
 def spatial_covariance(w_bkd: Tensor, template_dfmm: Tensor, diffuse: float) -> Tensor:
-    """SCMs H_fk of Eq. (10), complex (B..., K, F, M, M): the weighted templates plus ``diffuse`` times the identity.
+    """Computes the SCMs H_fk of Eq. (10), complex (B..., K, F, M, M): weighted templates plus diffuse noise.
 
-    The likelihood does not depend on the scale of w, which the power spectral density absorbs, so w is first divided
-    by its sum over directions; ``diffuse`` is thus relative, whatever the weights.
+    The power spectral density absorbs the scale of w, so w is first divided by its sum over directions. ``diffuse``,
+    the factor of the identity matrix, is thus relative to the weights.
     """
     tiny = torch.finfo(w_bkd.dtype).tiny
     share_bkd = w_bkd / w_bkd.sum(-1, keepdim=True).clamp_min(tiny)
@@ -35,7 +35,7 @@ def spatial_covariance(w_bkd: Tensor, template_dfmm: Tensor, diffuse: float) -> 
 class _InverseAndLogDet(torch.autograd.Function):
     """Inverse and log determinant of Hermitian positive definite matrices from one Cholesky factor.
 
-    Autograd would go back through the factorisation; with P = H^-1 at hand the gradient is P g P, two products.
+    Autograd would differentiate the factorisation; with P = H^-1 the gradient is P g P, two products.
     """
 
     @staticmethod
@@ -55,13 +55,13 @@ class _InverseAndLogDet(torch.autograd.Function):
 
 
 def inverse_and_logdet(matrix: Tensor) -> tuple[Tensor, Tensor]:
-    """P = H^-1 and log det H of Hermitian positive definite matrices (..., M, M); once differentiable."""
+    """Computes P = H^-1 and log det H of Hermitian positive definite matrices (..., M, M); once differentiable."""
     inverse, logdet = _InverseAndLogDet.apply(matrix)
     return inverse, logdet
 
 
 def outer_features(x_bfmt: Tensor) -> Tensor:
-    """The M^2 real features of x x^H, (..., F, M^2, T): powers, then Re and Im of conj(x_m) x_n for m < n."""
+    """Computes the M^2 real features of x x^H, (..., F, M^2, T): powers, Re and Im of conj(x_m) x_n for m < n."""
     m = x_bfmt.shape[-2]
     # One contiguous plane per microphone and per feature: several times faster than indexing pairs of rows.
     real, imag = x_bfmt.real.movedim(-2, 0).contiguous(), x_bfmt.imag.movedim(-2, 0).contiguous()
@@ -78,7 +78,7 @@ def outer_features(x_bfmt: Tensor) -> Tensor:
 
 
 def form_coefficients(matrix: Tensor) -> Tensor:
-    """Coefficients of the form x^H P x in the features of :func:`outer_features`: (..., M, M) to (..., M^2)."""
+    """Returns the coefficients of x^H P x in the features of :func:`outer_features`, (..., M^2)."""
     m = matrix.shape[-1]
     row, column = torch.triu_indices(m, m, offset=1, device=matrix.device)
     upper = 2 * matrix[..., row, column]
@@ -86,7 +86,7 @@ def form_coefficients(matrix: Tensor) -> Tensor:
 
 
 def matrix_from_features(feature: Tensor) -> Tensor:
-    """The Hermitian matrices whose real features these are, (..., M^2) to complex (..., M, M)."""
+    """Returns the Hermitian matrices, complex (..., M, M), of real features (..., M^2)."""
     m = math.isqrt(feature.shape[-1])
     row, column = torch.triu_indices(m, m, offset=1, device=feature.device)
     pairs = row.numel()
@@ -101,7 +101,7 @@ def matrix_from_features(feature: Tensor) -> Tensor:
 
 
 def template_features(template_dfmm: Tensor) -> Tensor:
-    """Real features of the templates G_fd = a_fd a_fd^H, (D, F, M^2), so that a^H Q a is a real product."""
+    """Computes real features of the templates G_fd, (D, F, M^2), in which a^H Q a is a real product."""
     m = template_dfmm.shape[-1]
     row, column = torch.triu_indices(m, m, offset=1, device=template_dfmm.device)
     lower = template_dfmm[..., column, row]

@@ -1,4 +1,4 @@
-"""Steering vectors from responses of the array that were measured in many horizontal directions."""
+"""Steering vectors from responses of the array, measured in many horizontal directions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +11,7 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.steering import normalized
 from avssl_pyro.errors import InputError
 
-# Between directions further apart the phase of an array of 20 cm turns by more than half a circle at 8 kHz.
+# With a wider gap the phase of an array of 20 cm changes by more than half a turn between directions at 8 kHz.
 MAX_GAP_DEG = 10.0
 GAP_TOLERANCE_DEG = 1e-3
 
@@ -20,14 +20,14 @@ GAP_TOLERANCE_DEG = 1e-3
 class MeasuredResponses:
     """Responses of M microphones to a source in each of D' horizontal directions.
 
-    Between measured directions, and between measured frequencies, level and phase are interpolated linearly after a
-    delay common to all microphones is taken out, for it says how far the loudspeaker stood. Below the lowest measured
-    frequency its response is used.
+    Level and phase are interpolated linearly between measured directions and between measured frequencies. A delay
+    common to all microphones is removed first, as it depends on the distance of the loudspeaker. Below the lowest
+    measured frequency its response is used.
 
     Args:
-        azimuths_d: (D',), radians in [-pi, pi), rising.
-        frequencies_n: Hz, rising.
-        response_dmn: complex (D', M, N), with a common but unknown scale and delay in each direction.
+        azimuths_d: measured azimuths, (D',), radians in [-pi, pi), increasing.
+        frequencies_n: measured frequencies, (N,), Hz, increasing.
+        response_dmn: responses, complex (D', M, N), with a common but unknown scale and delay in each direction.
 
     Raises:
         InputError: neighbouring directions are more than 10 degrees apart.
@@ -43,7 +43,7 @@ class MeasuredResponses:
             end = stop - 360 if stop >= 180 else stop
             raise InputError(
                 f"no response was measured on the horizontal plane between azimuth {start:.4g} and {end:.4g} degrees, "
-                f"a gap of {stop - start:.4g}; at most {MAX_GAP_DEG:g} degrees can be interpolated."
+                f"a gap of {stop - start:.4g}; give responses at most {MAX_GAP_DEG:g} degrees apart."
             )
 
     @property
@@ -51,7 +51,7 @@ class MeasuredResponses:
         return self.response_dmn.shape[1]
 
     def __call__(self, grid: DirectionGrid, frequencies_hz: npt.NDArray[np.float64]) -> Tensor:
-        """Raises InputError when a frequency lies above the measured ones."""
+        """Computes steering vectors; raises InputError for a frequency above the measured ones."""
         if frequencies_hz.max(initial=0.0) > self.frequencies_n[-1]:
             raise InputError(
                 f"the measured responses end at {self.frequencies_n[-1]:g} Hz, but steering vectors up to "
@@ -65,9 +65,9 @@ class MeasuredResponses:
         unit_vectors_dx: npt.NDArray[np.float64],  # noqa: ARG002
         frequencies_hz: npt.NDArray[np.float64],  # noqa: ARG002
     ) -> npt.NDArray[np.complex128]:
-        """Always raises InputError: what comes from above and below was not measured."""
+        """Raises InputError, as responses from above and below were not measured."""
         raise InputError(
-            "measured responses are of horizontal directions alone, but a room reflects sound from above and below; "
+            "measured responses are of horizontal directions only, but a room reflects sound from above and below; "
             "give recordings of this array instead."
         )
 
@@ -82,7 +82,7 @@ class MeasuredResponses:
         self, response_dmf: npt.NDArray[np.complex128], azimuths: npt.NDArray[np.float64]
     ) -> npt.NDArray[np.complex128]:
         count = len(self.azimuths_d)
-        # Once around and one more, so that every azimuth has a neighbour on either side.
+        # One more direction at either end, so that every azimuth has two neighbours.
         around = np.concatenate([self.azimuths_d[-1:] - 2 * np.pi, self.azimuths_d, self.azimuths_d[:1] + 2 * np.pi])
         place = np.interp(azimuths, around, np.arange(count + 2.0))
         before = np.minimum(place.astype(np.int64), count)
@@ -91,7 +91,7 @@ class MeasuredResponses:
 
 
 def widest_gap_deg(azimuths_d: npt.NDArray[np.float64]) -> tuple[float, float]:
-    """Where the widest gap between neighbouring azimuths (radians, rising) starts and stops, degrees, start < stop."""
+    """Returns start and stop, degrees, of the widest gap between neighbouring azimuths (radians, increasing)."""
     start_d = np.rad2deg(azimuths_d)
     stop_d = np.append(start_d[1:], start_d[:1] + 360.0)
     widest = int((stop_d - start_d).argmax())
@@ -103,7 +103,7 @@ def _between(
     second_dmf: npt.NDArray[np.complexfloating[Any, Any]],
     share: npt.NDArray[np.float64],
 ) -> npt.NDArray[np.complex128]:
-    """Level and phase that lie the given share of the way from the first to the second, but for a common phase."""
+    """Interpolates level and phase linearly between two responses, except for a common phase."""
     common_d1f = np.sum(first_dmf.conj() * second_dmf, axis=1, keepdims=True)
     turn_dmf = np.angle(first_dmf.conj() * second_dmf * common_d1f.conj())
     level_dmf = (1 - share) * np.abs(first_dmf) + share * np.abs(second_dmf)

@@ -1,4 +1,4 @@
-"""Arrays known by name: the circles of the paper's Sec. IV and common hardware."""
+"""Preset arrays: the circles of the paper's Sec. IV and common hardware."""
 
 from pathlib import Path
 
@@ -15,8 +15,8 @@ SPHERE_RADIUS_M = 0.042
 
 # Azimuth and elevation of the microphones of STARSS23's format "mic", degrees.
 TETRAHEDRON_DEG = ((45.0, 35.0), (-45.0, -35.0), (135.0, -35.0), (-135.0, 35.0))
-# Azimuth and elevation of the capsules of a 32-capsule sphere as mh acoustics numbers them, degrees. The tetrahedron's
-# microphones are those with the indices 5, 9, 25, 21.
+# Azimuth and elevation of the capsules of a 32-capsule sphere as mh acoustics numbers them, degrees. The tetrahedron
+# has the capsules with the indices 5, 9, 25, 21.
 EIGENMIKE_DEG = (
     *((0.0, 21.0), (32.0, 0.0), (0.0, -21.0), (-32.0, 0.0), (0.0, 58.0), (45.0, 35.0), (69.0, 0.0), (45.0, -35.0)),
     *((0.0, -58.0), (-45.0, -35.0), (-69.0, 0.0), (-45.0, 35.0), (91.0, 69.0), (90.0, 32.0), (90.0, -31.0)),
@@ -32,7 +32,7 @@ def circular_array(
     diameter_m: float = PAPER_DIAMETER_M,
     channels: tuple[int, ...] | None = None,
 ) -> MicrophoneArray:
-    """Microphones on a horizontal circle at the given azimuths (degrees, counter-clockwise from x)."""
+    """Places microphones on a horizontal circle at azimuths in degrees, counter-clockwise from x."""
     azimuths = np.deg2rad(azimuths_deg)
     x, y = diameter_m / 2 * np.cos(azimuths), diameter_m / 2 * np.sin(azimuths)
     positions = tuple((round(float(a), 9), round(float(b), 9), 0.0) for a, b in zip(x, y, strict=True))
@@ -42,7 +42,7 @@ def circular_array(
 def uniform_circle(
     num_microphones: int, diameter_m: float = PAPER_DIAMETER_M, name: str | None = None
 ) -> MicrophoneArray:
-    """Evenly spaced microphones, the first one straight ahead; called ``circle`` and their number by default."""
+    """Places microphones evenly on a circle, the first straight ahead; ``circleM`` is the default name."""
     azimuths_deg = tuple(360.0 * m / num_microphones for m in range(num_microphones))
     return circular_array(name or f"circle{num_microphones}", azimuths_deg, diameter_m)
 
@@ -50,7 +50,7 @@ def uniform_circle(
 def spherical_array(
     name: str, directions_deg: tuple[tuple[float, float], ...], radius_m: float = SPHERE_RADIUS_M
 ) -> MicrophoneArray:
-    """Microphones on a rigid sphere around the origin at the given azimuths and elevations (degrees)."""
+    """Places microphones on a rigid sphere around the origin at azimuths and elevations in degrees."""
     azimuth_m, elevation_m = np.deg2rad(directions_deg).T
     flat_m = np.cos(elevation_m)
     unit_mx = np.stack([flat_m * np.cos(azimuth_m), flat_m * np.sin(azimuth_m), np.sin(elevation_m)], axis=-1)
@@ -65,12 +65,12 @@ def _respeaker4() -> MicrophoneArray:
 
 
 def _respeaker6() -> MicrophoneArray:
-    """The 6-microphone circular kit, which records eight channels, the last two for playback."""
+    """Returns the circular kit of six microphones, which records eight channels, two of them for playback."""
     azimuths_deg = (120.0, 180.0, 240.0, 300.0, 0.0, 60.0)
     return circular_array("respeaker6", azimuths_deg, RESPEAKER6_DIAMETER_M, channels=(1, 2, 3, 4, 5, 6))
 
 
-# circle246 is the union of the paper's circles, which share a diameter: a scene rendered for it can be read as any.
+# circle246 is the union of the paper's circles, which have one diameter; its scenes can be read as any of them.
 PRESETS: dict[str, MicrophoneArray] = {
     array.name: array
     for array in (
@@ -90,7 +90,7 @@ PRESETS: dict[str, MicrophoneArray] = {
 
 
 def resolve_array(array: str | Path | MicrophoneArray) -> MicrophoneArray:
-    """The array of a preset's name or an array file's path; an array is returned as it is.
+    """Returns the array of a preset's name or an array file's path; an array is returned unchanged.
 
     Raises:
         InputError: there is no such preset or file.

@@ -1,4 +1,4 @@
-"""Reads the horizontal responses of an array from a SOFA file (AES69), by the library sofar."""
+"""Reader of the horizontal responses of an array in a SOFA file (AES69), with the library sofar."""
 
 from pathlib import Path
 from typing import Any
@@ -10,25 +10,25 @@ import scipy.signal
 from avssl_pyro.acoustics.measured import GAP_TOLERANCE_DEG, MAX_GAP_DEG, MeasuredResponses, widest_gap_deg
 from avssl_pyro.errors import InputError
 
-# Spectra are kept at multiples of this, which are the bins of a window of 1024 samples at 16 kHz, and of 512.
+# Spectra are computed at multiples of this frequency, the bins of a window of 1024 samples at 16 kHz.
 STEP_HZ = 15.625
 TOP_HZ = 8000.0
-# Directions this close to the horizontal plane are enough if they go all around; if not, those up to the second.
+# Directions within the first elevation are used if they leave no gap, otherwise those within the second.
 ELEVATIONS_DEG = (0.5, 5.0)
 
 
 def read_sofa(path: Path) -> MeasuredResponses:
-    """Responses of every receiver to sources on the horizontal plane; azimuth is counter-clockwise, as in SOFA.
+    """Reads the responses of every receiver to sources on the horizontal plane; azimuth is counter-clockwise.
 
-    Impulse responses (FIR) of any rate and transfer functions (TF) are read. Directions are those from the listener,
-    relative to where it looks.
+    The file has impulse responses (FIR) of any rate or transfer functions (TF). Directions are relative to the
+    listener's position and view.
 
     Raises:
-        InputError: the file cannot be read, holds other data, values that are not finite, fewer than two receivers, or
-            leaves a gap of more than 10 degrees on the horizontal plane.
+        InputError: the file cannot be read, has other data, values that are not finite, fewer than two receivers, or a
+            gap of more than 10 degrees on the horizontal plane.
     """
     if not path.is_file():
-        raise InputError(f"{path}: no such SOFA file.")
+        raise InputError(f"{path}: no such SOFA file; give the path of one.")
     try:
         return _measured(_open(path))
     except InputError as error:
@@ -38,7 +38,7 @@ def read_sofa(path: Path) -> MeasuredResponses:
 def _measured(sofa: Any) -> MeasuredResponses:
     response_dmn = _responses(sofa)
     azimuth_d, elevation_d = _directions(sofa, len(response_dmn))
-    # Most files cover the sphere; all but its equator is left out before it is transformed.
+    # Most files cover the sphere; only the horizontal plane is transformed.
     chosen = _horizontal(azimuth_d, elevation_d)
     response_dmn = response_dmn[chosen]
     if not np.isfinite(response_dmn).all():
@@ -48,17 +48,17 @@ def _measured(sofa: Any) -> MeasuredResponses:
 
 
 def _open(path: Path) -> Any:
-    # Imported when needed: the library takes as long as all the rest of a small command.
+    # Imported on use, as the import takes as long as the rest of a small command.
     import sofar  # noqa: PLC0415
 
     try:
         sofa = sofar.read_sofa(str(path), verify=False, verbose=False)
-    # The library lets whatever its parser meets in a damaged file through.
+    # The library does not catch the exceptions of its parser on damaged files.
     except Exception as error:
         problem = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"cannot be read as a SOFA file ({problem}).") from error
     if "SourcePosition" not in vars(sofa) or "GLOBAL_DataType" not in vars(sofa):
-        raise InputError("it names no data type or no source positions; export the measurement again.")
+        raise InputError("it has no data type or no source positions; export the measurement again.")
     return sofa
 
 
@@ -66,11 +66,11 @@ def _numbers(sofa: Any, name: str, default: Any = np.nan) -> npt.NDArray[np.floa
     try:
         return np.asarray(getattr(sofa, name, default), dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"'{name}' holds other things than numbers; export the measurement again.") from error
+        raise InputError(f"'{name}' has values that are no numbers; export the measurement again.") from error
 
 
 def _responses(sofa: Any) -> npt.NDArray[np.inexact[Any]]:
-    """All responses as they are in the file, (D', M, N): samples, or complex where they are transfer functions."""
+    """Reads all responses, (D', M, N): real samples, or complex transfer functions."""
     kind = str(sofa.GLOBAL_DataType)
     if kind == "FIR":
         response_dmn: npt.NDArray[np.inexact[Any]] = _numbers(sofa, "Data_IR")
@@ -80,12 +80,12 @@ def _responses(sofa: Any) -> npt.NDArray[np.inexact[Any]]:
             raise InputError("real and imaginary parts differ in number; export the measurement again.")
         response_dmn = real + 1j * imag
     else:
-        raise InputError(f"holds data of type '{kind}'; give impulse responses (FIR) or transfer functions (TF).")
+        raise InputError(f"it has data of type '{kind}'; give impulse responses (FIR) or transfer functions (TF).")
     shape = response_dmn.shape
     if len(shape) != 3 or not response_dmn.size:
-        raise InputError(f"its responses have the shape {shape}; (measurements, receivers, samples) is needed.")
+        raise InputError(f"the responses have shape {shape}; give (measurements, receivers, samples).")
     if shape[1] < 2:
-        raise InputError(f"it has {shape[1]} receiver; an array has at least two, one for each microphone.")
+        raise InputError(f"it has {shape[1]} receiver; give at least two, one for each microphone.")
     return response_dmn
 
 
@@ -93,7 +93,7 @@ Spectra = tuple[npt.NDArray[np.float64], npt.NDArray[np.complex128]]
 
 
 def _spectra(sofa: Any, transfer_dmn: npt.NDArray[Any], _chosen: npt.NDArray[np.int64]) -> Spectra:
-    """Frequencies of transfer functions in Hz, and these."""
+    """Returns frequencies in Hz and transfer functions."""
     frequencies_n = np.atleast_1d(_numbers(sofa, "N"))
     if len(frequencies_n) != transfer_dmn.shape[-1]:
         raise InputError(
@@ -101,15 +101,15 @@ def _spectra(sofa: Any, transfer_dmn: npt.NDArray[Any], _chosen: npt.NDArray[np.
             "export it again."
         )
     if not (frequencies_n[0] >= 0 and (np.diff(frequencies_n) > 0).all()):
-        raise InputError("its frequencies must rise and not be negative; export it again.")
+        raise InputError("its frequencies must increase and not be negative; export it again.")
     return frequencies_n, transfer_dmn
 
 
 def _spectra_of_impulses(sofa: Any, impulse_dmn: npt.NDArray[Any], chosen: npt.NDArray[np.int64]) -> Spectra:
-    """Frequencies in Hz, and the transform of the impulse responses at these very frequencies, whatever their rate."""
+    """Returns frequencies in Hz and the transform of impulse responses of any rate at these frequencies."""
     rate = float(_numbers(sofa, "Data_SamplingRate").flat[0])
     if not 2 * STEP_HZ <= rate < np.inf:
-        raise InputError(f"a sampling rate of {rate:g} Hz cannot be; export the measurement again.")
+        raise InputError(f"the sampling rate is {rate:g} Hz, which is out of range; export the measurement again.")
     count = int(min(TOP_HZ, rate / 2) / STEP_HZ) + 1
     frequencies_n = STEP_HZ * np.arange(count, dtype=np.float64)
     spectrum_dmn = scipy.signal.zoom_fft(
@@ -119,7 +119,7 @@ def _spectra_of_impulses(sofa: Any, impulse_dmn: npt.NDArray[Any], chosen: npt.N
     rows = len(delay_dm)
     if delay_dm.shape[1:] != impulse_dmn.shape[1:2] or 1 < rows <= chosen.max():
         raise InputError(f"'Data.Delay' has the shape {delay_dm.shape}, which fits no response; export it again.")
-    # One row for all measurements, or one for each.
+    # The file has one row for all measurements, or one row each.
     delay_dm = delay_dm if rows == 1 else delay_dm[chosen]
     turns_dmn = delay_dm[..., None] * frequencies_n / rate
     delayed_dmn: npt.NDArray[np.complex128] = spectrum_dmn * np.exp(-2j * np.pi * turns_dmn)
@@ -127,29 +127,29 @@ def _spectra_of_impulses(sofa: Any, impulse_dmn: npt.NDArray[Any], chosen: npt.N
 
 
 def _directions(sofa: Any, count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Azimuth and elevation of the source of every measurement as the listener sees it, (D',), radians."""
+    """Returns azimuth and elevation of each source in the listener's coordinates, (D',), radians."""
     source_dx = _cartesian(sofa, "SourcePosition")
     listener_dx = _cartesian(sofa, "ListenerPosition", (0.0, 0.0, 0.0))
     front_dx = _unit(_cartesian(sofa, "ListenerView", (1.0, 0.0, 0.0)))
     up_dx = _unit(np.atleast_2d(_numbers(sofa, "ListenerUp", (0.0, 0.0, 1.0))))
     parts = (source_dx, listener_dx, front_dx, up_dx)
     if any(part.shape not in {(1, 3), (count, 3)} for part in parts):
-        raise InputError(f"it has {count} measurements and as many source positions are needed; export it again.")
+        raise InputError(f"positions or views do not fit its {count} measurements; export it again.")
     toward_dx = np.broadcast_to(source_dx - listener_dx, (count, 3))
     distance_d = np.linalg.norm(toward_dx, axis=-1)
     if not (np.isfinite(distance_d).all() and distance_d.min() > 0 and all(np.isfinite(part).all() for part in parts)):
-        raise InputError("a source lies where the listener is, or nowhere; directions need finite positions.")
+        raise InputError("a source is at the listener's position or not finite; export the measurement again.")
     left_dx = np.cross(up_dx, front_dx)
     x_d, y_d, z_d = (np.sum(toward_dx * axis_dx, axis=-1) for axis_dx in (front_dx, left_dx, up_dx))
     azimuth_d = np.arctan2(y_d, x_d)
-    # Rounding may leave a source straight behind at either side of the seam.
+    # Rounding may put a source straight behind on either side of +-180 degrees.
     return np.where(azimuth_d > np.pi - 1e-9, -np.pi, azimuth_d), np.arcsin(np.clip(z_d / distance_d, -1, 1))
 
 
 def _cartesian(
     sofa: Any, name: str, default: tuple[float, float, float] = (np.nan, np.nan, np.nan)
 ) -> npt.NDArray[np.float64]:
-    """Rows (x, y, z) of a position or view, whichever coordinates the file gives."""
+    """Reads a position or view as rows (x, y, z), from Cartesian or spherical coordinates."""
     values = np.atleast_2d(_numbers(sofa, name, default))
     if values.shape[-1] != 3 or not str(getattr(sofa, f"{name}_Type", "cartesian")).startswith("spherical"):
         return values
@@ -164,10 +164,10 @@ def _unit(rows: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 
 
 def _horizontal(azimuth_d: npt.NDArray[np.float64], elevation_d: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
-    """Indices of the measurements around the horizontal plane, each azimuth once, by rising azimuth."""
+    """Returns the measurements near the horizontal plane, one for each azimuth, by increasing azimuth."""
     for limit_deg in ELEVATIONS_DEG:
         (near,) = np.nonzero(np.rad2deg(np.abs(elevation_d)) <= limit_deg)
-        # Of those in one direction, but for rounding, the first and most level.
+        # Of several measurements at one azimuth, the one with the least elevation is used.
         near = near[np.argsort(np.abs(elevation_d[near]), kind="stable")]
         _, first = np.unique(np.rad2deg(azimuth_d[near]).round(2), return_index=True)
         chosen = near[first]

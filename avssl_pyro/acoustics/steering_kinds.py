@@ -1,4 +1,4 @@
-"""The kinds of steering an array's file may name, and their parameters."""
+"""Kinds of steering in an array's file, with their parameters."""
 
 import hashlib
 from collections.abc import Callable
@@ -8,21 +8,20 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from avssl_pyro.acoustics.ambisonics import CHANNEL_ORDERS, NORMALIZATIONS, FirstOrderAmbisonics
 from avssl_pyro.acoustics.measured import MeasuredResponses
-from avssl_pyro.acoustics.rigid_sphere import RigidSphere
 from avssl_pyro.acoustics.sofa import read_sofa
+from avssl_pyro.acoustics.spherical import CHANNEL_ORDERS, NORMALIZATIONS, FirstOrderAmbisonics, RigidSphere
 from avssl_pyro.acoustics.steering import ArrayGeometry, FreeField, SteeringKind, SteeringModel
 from avssl_pyro.errors import InputError
 
-# Positions in whole millimetres may miss the sphere by this.
+# Tolerance for positions rounded to millimetres.
 ON_SPHERE_M = 2e-3
 MAX_SPHERE_RADIUS_M = 1.0
 
 
 @dataclass(frozen=True)
 class FreeFieldKind:
-    """Microphones that nothing stands between; see :class:`avssl_pyro.acoustics.steering.FreeField`."""
+    """Microphones in free field; see :class:`avssl_pyro.acoustics.steering.FreeField`."""
 
     kind: ClassVar[str] = "free-field"
     has_delays: ClassVar[bool] = True
@@ -30,7 +29,7 @@ class FreeFieldKind:
     description: ClassVar[str] = "in free field"
 
     def check(self, array: ArrayGeometry) -> None:
-        """Any positions will do."""
+        """Accepts any positions."""
 
     def model(self, array: ArrayGeometry) -> SteeringModel:
         return FreeField(array)
@@ -41,14 +40,14 @@ class FreeFieldKind:
 
 @dataclass(frozen=True)
 class RigidSphereKind:
-    """Microphones on a rigid sphere; see :class:`avssl_pyro.acoustics.rigid_sphere.RigidSphere`.
+    """Microphones on a rigid sphere; see :class:`avssl_pyro.acoustics.spherical.RigidSphere`.
 
     Args:
-        radius_m: metres.
-        centre_m: of the sphere, in the array's coordinates, metres.
+        radius_m: radius of the sphere, metres.
+        centre_m: centre of the sphere in the array's coordinates, metres.
 
     Raises:
-        InputError: the radius is not positive or above 1 m.
+        InputError: the radius is not positive or is above 1 m.
     """
 
     kind: ClassVar[str] = "rigid-sphere"
@@ -61,8 +60,7 @@ class RigidSphereKind:
     def __post_init__(self) -> None:
         if not 0 < self.radius_m <= MAX_SPHERE_RADIUS_M:
             raise InputError(
-                f"steering: a sphere of radius_m {self.radius_m:g} cannot be; "
-                f"give metres, up to {MAX_SPHERE_RADIUS_M:g}."
+                f"steering: radius_m is {self.radius_m:g}; give metres, above 0 and at most {MAX_SPHERE_RADIUS_M:g}."
             )
 
     @property
@@ -76,7 +74,7 @@ class RigidSphereKind:
             if not abs(distance - self.radius_m) <= ON_SPHERE_M:
                 raise InputError(
                     f"array '{array.name}': microphone {microphone} is {100 * distance:.4g} cm from the centre of the "
-                    f"rigid sphere, whose radius is {100 * self.radius_m:.4g} cm; it must lie on the surface."
+                    f"rigid sphere, whose radius is {100 * self.radius_m:.4g} cm; give a position on the surface."
                 )
 
     def model(self, array: ArrayGeometry) -> SteeringModel:
@@ -88,7 +86,7 @@ class RigidSphereKind:
 
 @dataclass(frozen=True)
 class AmbisonicsKind:
-    """Four channels W, X, Y, Z; see :class:`avssl_pyro.acoustics.ambisonics.FirstOrderAmbisonics`.
+    """The four channels W, X, Y, Z; see :class:`avssl_pyro.acoustics.spherical.FirstOrderAmbisonics`.
 
     Raises:
         InputError: the order or the normalization is unknown.
@@ -128,14 +126,14 @@ class AmbisonicsKind:
 class MeasuredKind:
     """Measured responses of a SOFA file; see :class:`avssl_pyro.acoustics.measured.MeasuredResponses`.
 
-    Two are equal when their files hold the same bytes, wherever they lie. The file is read when steering vectors are
-    first asked for, unless its responses are at hand.
+    Two objects are equal if their files have the same bytes. The file is read when steering vectors are first computed,
+    unless ``responses`` are given.
 
     Args:
-        file: the SOFA file.
-        sha256: of the file, hexadecimal.
-        num_microphones: receivers in it.
-        responses: what it holds, if known.
+        file: path of the SOFA file.
+        sha256: SHA-256 of the file, hexadecimal.
+        num_microphones: number of receivers in the file.
+        responses: responses in the file, if already read.
     """
 
     kind: ClassVar[str] = "measured"
@@ -148,18 +146,18 @@ class MeasuredKind:
 
     @classmethod
     def read(cls, file: Path) -> "MeasuredKind":
-        """Reads the file; raises InputError as :func:`avssl_pyro.acoustics.sofa.read_sofa` does."""
+        """Reads a SOFA file; raises InputError as :func:`avssl_pyro.acoustics.sofa.read_sofa` does."""
         responses = read_sofa(file)
         return cls(file, hashlib.sha256(file.read_bytes()).hexdigest(), responses.num_microphones, responses)
 
     @property
     def description(self) -> str:
-        return f"by the measured responses of {self.file.name} (SHA-256 {self.sha256[:8]})"
+        return f"described by the measured responses of {self.file.name} (SHA-256 {self.sha256[:8]})"
 
     def check(self, array: ArrayGeometry) -> None:
         if len(array.positions) not in {0, self.num_microphones}:
             raise InputError(
-                f"array '{array.name}': it has {len(array.positions)} positions, but {self.file.name} holds responses "
+                f"array '{array.name}': it has {len(array.positions)} positions, but {self.file.name} has responses "
                 f"of {self.num_microphones} microphones; give as many, or leave 'positions_m' out."
             )
 
@@ -167,14 +165,14 @@ class MeasuredKind:
         return self.measured()
 
     def measured(self) -> MeasuredResponses:
-        """The responses; raises InputError when the file has to be read and is gone, unreadable, or another one."""
+        """Returns the responses; raises InputError if the file cannot be read or has changed."""
         if self.responses is not None:
             return self.responses
         found = MeasuredKind.read(self.file)
         if found != self:
             raise InputError(
-                f"{self.file}: not the file that was used before (its SHA-256 begins {found.sha256[:8]} instead of "
-                f"{self.sha256[:8]}); put that one back."
+                f"{self.file}: not the file used before (its SHA-256 begins with {found.sha256[:8]} instead of "
+                f"{self.sha256[:8]}); restore that file."
             )
         return found.measured()
 
@@ -188,12 +186,12 @@ class MeasuredKind:
 
 
 def steering_from_dict(data: Any, where: str, folder: Path = Path()) -> SteeringKind:
-    """The inverse of ``to_dict`` of the kinds: what stands under ``steering:``.
+    """Builds a kind of steering from the mapping that its ``to_dict`` returns.
 
     Args:
-        data: the mapping.
-        where: names the source in messages.
-        folder: what a relative ``file`` is relative to.
+        data: mapping of keys to values.
+        where: name of the source in messages.
+        folder: folder to which a relative ``file`` refers.
 
     Raises:
         InputError: the kind or a parameter is missing, unknown, or wrong.
@@ -207,7 +205,7 @@ def steering_from_dict(data: Any, where: str, folder: Path = Path()) -> Steering
     unknown = [str(name) for name in data if name not in {"kind", *known}]
     if unknown:
         raise InputError(
-            f"{where}: unknown key '{min(unknown)}' under 'steering'; {kind} knows {', '.join(known) or 'no other'}."
+            f"{where}: unknown key '{min(unknown)}' under 'steering'; {kind} has {', '.join(known) or 'no keys'}."
         )
     try:
         return parse(data, folder)
@@ -239,7 +237,7 @@ def _ambisonics(data: dict[str, Any], _folder: Path) -> SteeringKind:
 def _measured(data: dict[str, Any], folder: Path) -> SteeringKind:
     file = data.get("file")
     if not isinstance(file, str) or not file:
-        raise InputError("steering: 'file' is missing; name the SOFA file, relative to this one.")
+        raise InputError("steering: 'file' is missing; give the path of the SOFA file, relative to this file.")
     path = (folder / file).resolve()
     sha256, num_microphones = data.get("sha256"), data.get("num_microphones")
     if isinstance(sha256, str) and isinstance(num_microphones, int):
@@ -247,7 +245,7 @@ def _measured(data: dict[str, Any], folder: Path) -> SteeringKind:
     return MeasuredKind.read(path)
 
 
-# Known parameters and the reader of each kind.
+# Parameters and reader of each kind.
 _PARSERS: dict[str, tuple[tuple[str, ...], Callable[[dict[str, Any], Path], SteeringKind]]] = {
     FreeFieldKind.kind: ((), _free_field),
     RigidSphereKind.kind: (("radius_m", "centre_m"), _rigid_sphere),

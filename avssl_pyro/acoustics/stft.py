@@ -1,4 +1,4 @@
-"""The short-time Fourier transform that turns a recording into the spectrogram the model explains."""
+"""Short-time Fourier transform and its inverse."""
 
 import torch
 from torch import Tensor
@@ -8,10 +8,12 @@ from avssl_pyro.errors import InputError
 
 
 def stft(audio_bmn: Tensor, config: StftConfig) -> Tensor:
-    """Spectrogram x_bfmt, complex (B, F, M, T), of audio (B, M, N) with T = 1 + N // hop centred windows.
+    """Computes the spectrogram x_bfmt, complex (B, F, M, T), of audio (B, M, N), with T = 1 + N // hop.
+
+    Windows are centred on multiples of the hop.
 
     Raises:
-        InputError: the audio is too short to centre one window on it.
+        InputError: the audio is not longer than half a window.
     """
     b, m, n = audio_bmn.shape
     if n <= config.window // 2:
@@ -26,21 +28,25 @@ def stft(audio_bmn: Tensor, config: StftConfig) -> Tensor:
 
 
 def istft(x_bft: Tensor, config: StftConfig, num_samples: int) -> Tensor:
-    """Audio (B, num_samples) of spectrograms (B, F, T): what :func:`stft` came from, as near as one can get.
+    """Computes the audio (B, num_samples) whose spectrogram is nearest to x_bft (B, F, T).
 
     Raises:
-        ValueError: the band is not the whole one, or windows do not overlap enough to be undone.
+        ValueError: the band is not the whole band, or windows overlap by less than half.
     """
     if config.bins != slice(0, config.window // 2 + 1, 1) or 2 * config.hop > config.window:
-        raise ValueError(f"{config} keeps too little to get back to audio: whole band and half-overlap are needed.")
+        raise ValueError(f"{config} cannot be inverted; give the whole band and a hop of at most half the window.")
     window = torch.hann_window(config.window, dtype=x_bft.real.dtype, device=x_bft.device)
     return torch.istft(x_bft, config.window, config.hop, window=window, center=True, length=num_samples)
 
 
 def loud_frames(x_fmt: Tensor, below_db: float) -> Tensor:
-    """Mask, (T,), of the frames of a spectrogram, (F, M, T), at most so many decibels below the loudest of them.
+    """Returns a mask, (T,), of the frames at most ``below_db`` decibels below the loudest frame.
 
-    All frames of digital silence are kept.
+    For digital silence the mask is True everywhere.
+
+    Args:
+        x_fmt: spectrogram, (F, M, T).
+        below_db: range below the loudest frame, dB.
     """
     power_t = x_fmt.abs().square().mean((0, 1))
     return power_t >= power_t.max() * 10 ** (-below_db / 10)

@@ -1,4 +1,4 @@
-"""The settings of the short-time Fourier transform."""
+"""Settings of the short-time Fourier transform."""
 
 import math
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from avssl_pyro.errors import InputError
 
 @dataclass(frozen=True)
 class StftConfig:
-    """Hann-windowed STFT, of which a band may be kept; the defaults are those of the paper's Sec. IV-A.
+    """Window, hop and band of an STFT with Hann windows; the defaults are those of the paper's Sec. IV-A.
 
     Args:
-        window: samples in a window.
-        hop: samples between windows.
-        sample_rate: Hz.
-        low_hz, high_hz: bins below and above are left out, and the model explains nothing of them.
-        bin_step: every how many of the others are kept.
+        window: length of a window, samples.
+        hop: distance of neighbouring windows, samples.
+        sample_rate: sample rate, Hz.
+        low_hz, high_hz: least and greatest frequency of the band, Hz.
+        bin_step: step between the bins of the band.
 
     >>> StftConfig().frequencies.shape
     (257,)
@@ -47,7 +47,7 @@ class StftConfig:
 
     @property
     def bins(self) -> slice:
-        """The bins that are kept."""
+        """Bins of the band."""
         width = self.sample_rate / self.window
         first = max(0, math.ceil(self.low_hz / width))
         last = min(self.window // 2, math.floor(self.high_hz / width))
@@ -55,5 +55,5 @@ class StftConfig:
 
     @property
     def frequencies(self) -> npt.NDArray[np.float64]:
-        """Centre frequency of every kept bin, (F,), Hz."""
+        """Frequencies of the band's bins, (F,), Hz."""
         return np.arange(self.window // 2 + 1)[self.bins] * self.sample_rate / self.window

@@ -62,7 +62,7 @@ def exchange_classes(array: MicrophoneArray) -> list[list[tuple[int, int]]]:
 def check_geometry(array: MicrophoneArray) -> tuple[Finding, ...]:
     """The limits of an array; notes all of them, none is a fault."""
     if not array.positions_m:
-        found = f"the array hears {array.steering.description}; without positions there is no geometry to check"
+        found = f"the array is {array.steering.description}; without positions there is no geometry to check"
         return (Finding(CHECK, Severity.NOTE, found, 1.0),)
     return (*_ambiguity(array), *_aliasing(array), *_hidden_exchanges(array), *_parallax(array))
 

@@ -1,1 +1,1 @@
-"""The sound of each localized source."""
+"""Separation: the sound of each localized source."""

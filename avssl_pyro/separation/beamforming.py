@@ -1,7 +1,7 @@
-"""From a mask to the sound of one source: filters over the microphones, and the mask itself.
+"""Mask-based beamforming: extraction of one source from a spectrogram.
 
-Every way is an object called as ``extraction(x_fmt, mask_ft, reference)``. Its answer estimates the source as the
-reference microphone hears it, so levels of sources and of the mixture can be compared.
+An extraction is an object called as ``extraction(x_fmt, mask_ft, reference)``. It estimates the image of the source at
+the reference microphone, on the scale of the mixture.
 """
 
 from dataclasses import dataclass
@@ -12,28 +12,28 @@ from torch import Tensor
 
 
 class Extraction(Protocol):
-    """Takes one source out of a spectrogram by its mask."""
+    """Extraction of one source by its mask."""
 
     def __call__(self, x_fmt: Tensor, mask_ft: Tensor, reference: int) -> Tensor:
-        """The source at one microphone, complex (F, T).
+        """Estimates the source at the reference microphone, complex (F, T).
 
         Args:
             x_fmt: spectrogram, complex (F, M, T).
-            mask_ft: probability that the source dominates a bin, (F, T).
-            reference: microphone, counted from 0.
+            mask_ft: posterior probability that the source dominates a bin, (F, T).
+            reference: number of the microphone, counted from 0.
         """
         ...
 
 
 @dataclass(frozen=True)
 class WienerFilter:
-    """Multichannel Wiener filter h = Phi_x^-1 Phi_s u, the least mean squared error of one filter per frequency.
+    """Multichannel Wiener filter h = Phi_x^-1 Phi_s u (Doclo and Moonen 2002).
 
-    Doclo and Moonen 2002. It trades some of the source for less of the others, and needs no source of rank one: in a
-    room the early reflections belong to it.
+    The filter minimizes the mean squared error at each frequency; it distorts the source to suppress the others. The
+    covariance of the source may have any rank, so early reflections belong to the source.
 
     Args:
-        loading: share of the mean power that is added to the diagonal of the matrix that is inverted.
+        loading: diagonal loading of the inverted matrix, relative to its mean power.
     """
 
     loading: float = 1e-3
@@ -49,11 +49,11 @@ class WienerFilter:
 class Mvdr:
     """Minimum variance distortionless response, h = Phi_n^-1 Phi_s u / tr(Phi_n^-1 Phi_s).
 
-    Souden, Benesty and Affes 2010, Eq. (24): no steering vector is needed, and a source of rank one passes as the
-    reference microphone hears it.
+    Souden, Benesty and Affes 2010, Eq. (24). The filter needs no steering vector. A source of rank one passes
+    undistorted.
 
     Args:
-        loading: share of the mixture's mean power that is added to the diagonal of Phi_n.
+        loading: diagonal loading of Phi_n, relative to the mean power of the mixture.
     """
 
     loading: float = 1e-3
@@ -68,20 +68,20 @@ class Mvdr:
 
 @dataclass(frozen=True)
 class Masking:
-    """The mask times what the reference microphone heard."""
+    """Multiplication of the mask with the signal of the reference microphone."""
 
     def __call__(self, x_fmt: Tensor, mask_ft: Tensor, reference: int) -> Tensor:
         return mask_ft * x_fmt[:, reference]
 
 
 def delay_and_sum(x_fmt: Tensor, steering_fm: Tensor, reference: int) -> Tensor:
-    """Microphones aligned to one of them for a plane wave with this steering vector, and averaged, complex (F, T)."""
+    """Aligns the microphones to the reference for a plane wave and averages them, complex (F, T)."""
     aligned_fm = steering_fm * steering_fm[:, reference, None].conj()
     return _filtered(aligned_fm / steering_fm.abs().square().sum(-1, keepdim=True), x_fmt)
 
 
 def mask_covariance(x_fmt: Tensor, mask_ft: Tensor) -> Tensor:
-    """sum_t mask x x^H, complex (F, M, M)."""
+    """Computes sum_t mask x x^H, complex (F, M, M)."""
     return (mask_ft[:, None] * x_fmt) @ x_fmt.mH
 
 
@@ -94,6 +94,6 @@ def _mean_power(scm_fmm: Tensor) -> Tensor:
 
 
 def _loaded(scm_fmm: Tensor, power_f: Tensor) -> Tensor:
-    # Silence has no power to load with; the smallest number makes its matrix regular, and its answer zero.
+    # The loading of silence would be zero; the smallest number makes its matrix regular and its output zero.
     power_f = power_f.clamp_min(torch.finfo(power_f.dtype).tiny)
     return scm_fmm + power_f[:, None, None] * torch.eye(scm_fmm.shape[-1], dtype=scm_fmm.dtype, device=scm_fmm.device)

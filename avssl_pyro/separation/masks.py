@@ -1,7 +1,7 @@
 """Time-frequency masks of the sources of one clip, from the posterior of their directions and levels.
 
-The posterior's covariances are sums over directions, which say nothing of what a room makes of a source. Its masks are
-therefore only where a fit starts whose covariances are free: guided source separation (Boeddeker et al. 2018).
+The covariances of the posterior are sums over directions and leave out the effect of the room on a source. Its masks
+therefore initialize a mixture with free covariances: guided source separation (Boeddeker et al. 2018).
 """
 
 from collections.abc import Sequence
@@ -14,20 +14,20 @@ from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, quad
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 
-# Of the mean eigenvalue, added to free covariances: a class of few bins has none of full rank.
+# Diagonal loading of free covariances relative to the mean eigenvalue; few bins give no matrix of full rank.
 LOADING = 1e-4
 
 
 def posterior_masks(
     observed: ObservedSpectrogram, template_dfmm: Tensor, posterior: ClipPosterior, diffuse: float
 ) -> Tensor:
-    """p(z_tf = k | x, w, pi) by enumeration, at the posterior means of w and pi, (F, K, T), summing to 1 over k.
+    """Computes p(z_tf = k | x, w, pi), (F, K, T), at the posterior means of w and pi; sums to 1 over k.
 
     Args:
-        observed: the spectrogram, of any band.
+        observed: spectrogram of any band.
         template_dfmm: templates of that band, complex128 (D, F, M, M).
-        posterior: of the clip.
-        diffuse: eps of the model.
+        posterior: posterior of the clip.
+        diffuse: diffuse power eps of the model.
     """
     tiny = torch.finfo(torch.float64).tiny
     w_kd = torch.from_numpy(posterior.direction_weights_kd).to(template_dfmm.device).clamp_min(tiny)
@@ -39,39 +39,38 @@ def posterior_masks(
 
 
 def masks_of_sources(gamma_fkt: Tensor, sources: Sequence[LocalizedSource], reverberation: float) -> Tensor:
-    """Masks of S sources, and of everything else in the last place, (F, S + 1, T), summing to 1.
+    """Computes masks of S sources and, last, of everything else, (F, S + 1, T); they sum to 1.
 
     Args:
         gamma_fkt: masks of the source classes, (F, K, T).
-        sources: the mask of each is the sum of those of its classes.
-        reverberation: share of everything else, the classes of diffuse noise and those too quiet for a source, that is
-            divided among the sources in proportion to their own masks. Most of it are reflections of their sound.
+        sources: sources; the mask of a source is the sum of the masks of its classes.
+        reverberation: share of everything else (diffuse noise and classes that are no source) that is divided among the
+            sources in proportion to their masks. Most of it is reverberation of the sources.
     """
     mask_fst = torch.stack([gamma_fkt[:, list(source.classes)].sum(1) for source in sources], dim=1)
-    heard_f1t = mask_fst.sum(1, keepdim=True)
+    active_f1t = mask_fst.sum(1, keepdim=True)
     tiny = torch.finfo(mask_fst.dtype).tiny
-    mask_fst = mask_fst * (1 + reverberation * (1 - heard_f1t) / heard_f1t.clamp_min(tiny))
+    mask_fst = mask_fst * (1 + reverberation * (1 - active_f1t) / active_f1t.clamp_min(tiny))
     return torch.cat([mask_fst, (1 - mask_fst.sum(1, keepdim=True)).clamp_min(0)], dim=1)
 
 
 def fitted_masks(observed: ObservedSpectrogram, mask_fst: Tensor, rounds: int) -> Tensor:
-    """The masks of a mixture of complex angular central Gaussians after rounds of EM that start at ``mask_fst``.
+    """Fits a mixture of complex angular central Gaussians by EM and returns its masks, (F, S, T).
 
-    Every class has a free covariance per frequency (Ito, Araki and Nakatani 2016) and a level per frame, the same at
-    all frequencies (Ito, Araki and Nakatani 2013): frequencies thus agree on who speaks when, and none can swap two
-    sources that all the others keep apart.
+    Every class has a free covariance per frequency (Ito, Araki and Nakatani 2016) and a level per frame, equal at all
+    frequencies (Ito, Araki and Nakatani 2013). The common level prevents permutations of sources between frequencies.
 
     Args:
-        observed: the spectrogram.
-        mask_fst: masks to start at, (F, S, T), summing to 1.
-        rounds: of EM.
+        observed: spectrogram.
+        mask_fst: initial masks, (F, S, T), which sum to 1 over sources.
+        rounds: number of EM iterations.
     """
     m = observed.num_microphones
     features_fct = observed.features_bfct
     floor = m * observed.floor_b
     tiny = torch.finfo(mask_fst.dtype).tiny
     eye_mm = torch.eye(m, dtype=mask_fst.dtype, device=mask_fst.device)
-    # With all covariances alike the quadratic form is the power.
+    # With equal covariances the quadratic form is the power.
     quad_fst = (features_fct[:, :m].sum(1, keepdim=True) + floor).expand_as(mask_fst)
     for _ in range(rounds):
         level_1st = mask_fst.mean(0, keepdim=True).clamp_min(tiny)

@@ -1,4 +1,4 @@
-"""The sound of every localized source, taken out of a clip by the posterior that localized it."""
+"""Separation of the localized sources of a clip by the masks of its posterior."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,15 +20,15 @@ from avssl_pyro.systems.system import SystemConfig
 
 @dataclass(frozen=True)
 class SeparationConfig:
-    """How sources are separated.
+    """Settings of source separation.
 
     Args:
-        window, hop: samples of the STFT, which covers the whole band, whatever band the system looks at; a window
-            longer than the system's keeps more of a room's reflections with their source.
-        rounds: of EM that fit the masks to the clip; 0 leaves the posterior's own.
-        reverberation: share of the bins of no source that is divided among the sources; lower it where there is noise.
-        extraction: what is done with the masks.
-        reference: microphone at which the sources are estimated, counted from 0.
+        window, hop: window and hop of the STFT in samples; its band is always the whole band. A window longer than the
+            system's assigns more reverberation to its source.
+        rounds: number of EM iterations that fit the masks to the clip; 0 uses the masks of the posterior.
+        reverberation: share of the bins of no source that is divided among the sources, 0 to 1; lower it for noise.
+        extraction: method of extraction by a mask.
+        reference: number of the microphone at which the sources are estimated, counted from 0.
 
     Raises:
         InputError: a number is out of its range.
@@ -63,11 +63,11 @@ class Separator:
     """Separates the clips of one system, in double precision on the CPU.
 
     Args:
-        system: whose posteriors are used: its array, its grid and the diffuse power of its model.
-        config: how.
+        system: configuration of the system of the posteriors; provides array, grid and diffuse power.
+        config: settings of the separation.
 
     Raises:
-        InputError: the reference microphone is not one of the array's.
+        InputError: the array has no such reference microphone.
 
     >>> from avssl_pyro.api.model import load
     >>> result = load("circle4").localize(np.zeros((4, 16_000)))
@@ -93,12 +93,12 @@ class Separator:
     def separate(
         self, audio_mn: npt.NDArray[np.float32], posterior: ClipPosterior, sources: Sequence[LocalizedSource]
     ) -> npt.NDArray[np.float32]:
-        """Every source as the reference microphone hears it, float32 (S, N), in the order of ``sources``.
+        """Estimates every source at the reference microphone, float32 (S, N), in the order of ``sources``.
 
         Args:
-            audio_mn: the clip, (M, N), 16 kHz, microphones in the array's order.
-            posterior: of the clip.
-            sources: selected from it.
+            audio_mn: audio of the clip, (M, N), 16 kHz, in the order of the array's microphones.
+            posterior: posterior of the clip.
+            sources: sources selected from the posterior.
 
         Raises:
             InputError: the clip is not longer than half a window.

@@ -189,7 +189,7 @@ def check_room_simulation(array: MicrophoneArray) -> None:
     """
     if isinstance(array.steering, MeasuredKind):
         raise InputError(
-            f"array '{array.name}' has steering {array.steering.description}, of horizontal directions only, but a "
+            f"array '{array.name}' is {array.steering.description}, of horizontal directions only, but a "
             "room reflects sound from above and below; give recordings of this array instead."
         )
 

@@ -33,9 +33,9 @@ def test_a_moved_microphone_is_named() -> None:
 def test_recordings_go_with_their_own_kind_of_steering_only() -> None:
     tetrahedron, foa = PRESETS["starss23-mic"], PRESETS["starss23-foa"]
     in_free_field = MicrophoneArray("open", tetrahedron.positions_m)
-    with pytest.raises(InputError, match=r"'open' in free field, but array 'starss23-mic' hears on a rigid sphere"):
+    with pytest.raises(InputError, match=r"'open' in free field, but array 'starss23-mic' is on a rigid sphere"):
         matching_channels(in_free_field, tetrahedron, "scenes")
-    with pytest.raises(InputError, match=r"'circle4' in free field, but array 'starss23-foa' hears in first-order"):
+    with pytest.raises(InputError, match=r"'circle4' in free field, but array 'starss23-foa' is in first-order"):
         matching_channels(PRESETS["circle4"], foa, "scenes")
     assert matching_channels(foa, foa, "scenes") == (0, 1, 2, 3)
     assert matching_channels(PRESETS["eigenmike32"], tetrahedron, "scenes") == (5, 9, 25, 21)

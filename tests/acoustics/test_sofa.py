@@ -122,7 +122,7 @@ def test_other_elevations_are_left_out(write_sofa: Callable[..., Path]) -> None:
         (EVERY_5_DEG, {"SourcePosition": np.array([[0.0, 60.0, 1.0]])}, ["no source within 5 degrees", "horizontal"]),
         (EVERY_5_DEG, {"Data_IR": np.full((72, 4, 8), np.nan)}, ["not finite", "export"]),
         (EVERY_5_DEG, ONE_RECEIVER, ["1 receiver", "at least two"]),
-        (EVERY_5_DEG, {"ListenerPosition": np.array([[1.0, 0.0, 0.0]])}, ["where the listener is"]),
+        (EVERY_5_DEG, {"ListenerPosition": np.array([[1.0, 0.0, 0.0]])}, ["at the listener's position"]),
     ],
 )
 def test_files_that_will_not_do_are_refused_in_one_sentence(
@@ -139,7 +139,7 @@ def test_files_that_will_not_do_are_refused_in_one_sentence(
 def test_other_data_types_are_named(tmp_path: Path) -> None:
     path = tmp_path / "sections.sofa"
     sofar.write_sofa(str(path), sofar.Sofa("SimpleFreeFieldHRSOS"))
-    with pytest.raises(InputError, match=r"sections\.sofa: holds data of type 'SOS'; give .*FIR"):
+    with pytest.raises(InputError, match=r"sections\.sofa: it has data of type 'SOS'; give .*FIR"):
         read_sofa(path)
 
 

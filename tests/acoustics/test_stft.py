@@ -61,7 +61,7 @@ def test_the_inverse_gives_back_the_audio_to_the_sample(num_samples: int) -> Non
 @pytest.mark.parametrize("config", [StftConfig(high_hz=4000.0), StftConfig(bin_step=2), StftConfig(hop=300)])
 def test_what_left_something_out_has_no_inverse(config: StftConfig) -> None:
     x_bfmt = stft(torch.zeros(1, 1, 4000), config)
-    with pytest.raises(ValueError, match="keeps too little"):
+    with pytest.raises(ValueError, match="cannot be inverted"):
         istft(x_bfmt[:, :, 0], config, 4000)
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.acoustics.rigid_sphere import sphere_response
+from avssl_pyro.acoustics.spherical import sphere_response
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.simulation.plane_waves import PlaneWaveReceiver, PlaneWaves
 from avssl_pyro.simulation.reverberation import room_responses
