@@ -1,8 +1,8 @@
-"""Prior and posterior predictive checks: does the model make recordings like the one it was shown?
+"""Prior and posterior predictive checks: statistics of a recording against those of replicas from the model.
 
-A statistic of the recording is compared with that of spectrograms the model makes from draws of its prior or of a
-posterior. With power spectral densities profiled out the model says nothing of power, and neither do the statistics
-here: every bin is divided by its length first.
+Replicas are spectrograms that the model generates from draws of its prior or of a posterior. With power spectral
+densities profiled out the model does not describe power. Neither do the statistics here: every bin is divided by its
+norm first.
 """
 
 from collections.abc import Callable
@@ -33,9 +33,9 @@ class BeamPower:
 
 @dataclass(frozen=True)
 class Coherence:
-    """How much of a bin's power the strongest direction of its frequency has, quantiles over bins: (..., 3).
+    """Share of a bin's power in the strongest direction of its frequency, quantiles over bins: (..., 3).
 
-    A mixture of few narrow sources gives bins that are nearly of one direction, diffuse noise gives none.
+    Bins of a mixture of few narrow sources are close to 1; bins of diffuse noise are not.
 
     Args:
         steering_fdm: steering vectors, complex (F, D, M).
@@ -50,11 +50,11 @@ class Coherence:
 
 @dataclass(frozen=True)
 class PredictiveCheck:
-    """A statistic of a recording beside that of its replicas.
+    """Statistic of a recording and of its replicas.
 
     Args:
-        observed_p: of the recording, (P,).
-        replicated_sp: of the replicas, (S, P).
+        observed_p: statistic of the recording, (P,).
+        replicated_sp: statistics of the replicas, (S, P).
     """
 
     observed_p: Tensor
@@ -62,12 +62,12 @@ class PredictiveCheck:
 
     @property
     def p_values_p(self) -> Tensor:
-        """Shares of replicas whose statistic is at least the recording's, (P,); near 0 or 1 the model cannot do it."""
+        """Shares of replicas whose statistic is at least the recording's, (P,); near 0 or 1 the model does not fit."""
         return (self.replicated_sp >= self.observed_p).double().mean(0)
 
     @property
     def p_value(self) -> float:
-        """The share of replicas at least as far from their mean as the recording is, all P numbers taken together.
+        """Share of replicas at least as far from their mean as the recording, over all P numbers.
 
         The distance is the sum of squares in standard deviations of the replicas.
         """
@@ -85,19 +85,19 @@ def predictive_check(
     """Replicates a clip once from every draw and compares.
 
     Args:
-        model: any with the sites of ``SpatialCGMM``.
-        x_fmt: the recording, complex (F, M, T).
-        image_cij: its picture, (3, I, J).
-        draws: of the prior (:func:`avssl_pyro.guides.posterior_draws.prior_draws`) or of a posterior.
-        statistic: such as :class:`BeamPower`.
-        seed: of the replicas.
+        model: model with the sites of ``SpatialCGMM``.
+        x_fmt: spectrogram of the recording, complex (F, M, T).
+        image_cij: its image, (3, I, J).
+        draws: draws of the prior (:func:`avssl_pyro.guides.posterior_draws.prior_draws`) or of a posterior.
+        statistic: statistic such as :class:`BeamPower`.
+        seed: seed of the replicas.
     """
     replicas_sfmt = replicate(model, x_fmt, image_cij, draws, seed)
     return PredictiveCheck(statistic(x_fmt), torch.stack([statistic(replica_fmt) for replica_fmt in replicas_sfmt]))
 
 
 def _beam_power(steering_fdm: Tensor, x_fmt: Tensor) -> Tensor:
-    """The share of every bin's power that comes from every direction, (..., F, D, T), 0 to 1."""
+    """Share of every bin's power from every direction, (..., F, D, T), 0 to 1."""
     beam_fdt = steering_fdm.conj() @ x_fmt
     power_f1t = x_fmt.abs().square().sum(-2, keepdim=True).clamp_min(torch.finfo(x_fmt.real.dtype).tiny)
     return beam_fdt.abs().square() / steering_fdm.abs().square().sum(-1)[..., None] / power_f1t

@@ -1,13 +1,13 @@
-"""Is a posterior the posterior? Simulation-based calibration (Talts et al. 2018, arXiv:1804.06788).
+"""Simulation-based calibration of posteriors (Talts et al. 2018, arXiv:1804.06788).
 
 Draw latents from the prior, data from them, and L draws from the posterior of the data. If it is the true posterior,
-the rank of any quantity of the first latents among the L is uniform over 0..L. A histogram like a U tells of a
-posterior too narrow, one like a hill of one too wide, a slope of a bias.
+the rank of any quantity of the first latents among the L is uniform over 0..L. A histogram like a U means a posterior
+that is too narrow, one like a hill a posterior that is too wide, and a slope a bias.
 
-The likelihood does not depend on the order of the source classes, so the true posterior holds every permutation of
-every answer, and hardly a posterior on offer does. That is no fault: only what is the same under all permutations can
-be asked for, and is here: sorted levels, power from a sector, averages over classes, the likelihood itself. The last is
-the sharpest: as a function of the data, too, it finds posteriors that only return the prior (Modrak et al. 2023).
+The likelihood does not depend on the order of the source classes. The true posterior therefore contains every
+permutation of a solution, while most approximations contain one. All quantities here are invariant under permutation:
+sorted levels, power from a sector, averages over classes, and the likelihood. The likelihood is the most sensitive: as
+a function of the data, it also detects posteriors that only return the prior (Modrak et al. 2023).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,13 +35,13 @@ Ranks = Mapping[str, int]
 
 @dataclass(frozen=True)
 class Uniformity:
-    """How uniform ranks are.
+    """Uniformity of ranks.
 
     Args:
-        p_value: of a chi-square test over ``BINS`` bins.
+        p_value: p-value of a chi-square test over ``BINS`` bins.
         shift: mean of rank / L, minus a half; positive where the posterior lies below the truth.
         spread: standard deviation of the ranks over that of uniform ones; above 1 the posterior is too narrow.
-        trials: how many ranks.
+        trials: number of ranks.
     """
 
     p_value: float
@@ -51,7 +51,7 @@ class Uniformity:
 
 
 def quantities(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws) -> dict[str, Tensor]:
-    """What is ranked, (S,) each, by name; none depends on the order of the classes."""
+    """Quantities to rank by name, (S,) each; none depends on the order of the classes."""
     share_skd = draws.w_skd / draws.w_skd.sum(-1, keepdim=True)
     power_sd = (draws.pi_sk[..., None] * share_skd).sum(-2)
     azimuth_d = DirectionGrid(power_sd.shape[-1]).azimuths
@@ -71,18 +71,18 @@ def run_trials(
     """Ranks of a prior draw in every posterior, by its name, for every seed.
 
     Args:
-        model: its priors make the truth, its likelihood the data.
+        model: model whose priors draw the truth and whose likelihood draws the data.
         samplers: posteriors by name.
-        x_fmt: a spectrogram of the size and precision that the data should have; its values do not matter.
-        seeds: one for each trial, of all that is random in it.
+        x_fmt: spectrogram of the size and precision of the data; its values do not matter.
+        seeds: seeds of the trials, one each.
 
     Raises:
-        InputError: the model counts its bins more than once, which no data drawn from it can follow.
+        InputError: the bin weight of the model is not 1, so that no data can be drawn from it.
     """
     if (weight := getattr(model, "bin_weight", 1.0)) != 1:
         raise InputError(f"calibration: the model has bin_weight {weight}; data can be drawn from it only at 1.")
     image_cij = torch.zeros(3, 1, 1, dtype=x_fmt.real.dtype)
-    # The same noise in the truth, in the data and in the posterior's draws would make them agree.
+    # The same noise in truth, data and draws would make them agree.
     of_truth, of_data, of_draws = zip(*(_apart(seed) for seed in seeds), strict=True)
     truths = [prior_draws(model, x_fmt, image_cij, 1, seed) for seed in of_truth]
     x_bfmt = torch.cat(

@@ -1,4 +1,4 @@
-"""Does the mixing level tell who talks? Levels of people, their ROC curve and the area below it."""
+"""Detection of talkers by mixing level: levels of people, their ROC curve and the area below it."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ class RocCurve:
 
     Args:
         false_alarms_p, hits_p: shares of silent and of talking people at or above a threshold that falls along p.
-        area: below the curve: how often a random talker is louder than a random silent person, ties counting half.
+        area: area below the curve: probability that a random talker has a higher level than a random silent person.
     """
 
     false_alarms_p: npt.NDArray[np.float64]
@@ -35,13 +35,13 @@ def levels_of(
     least_peak: float,
     within: float = float(np.deg2rad(WITHIN_DEG)),
 ) -> npt.NDArray[np.float64]:
-    """The mixing level of the source class nearest to each person, (R,), or 0 if none is near.
+    """Mixing level of the source class nearest to each person, (R,), or 0 if none is near.
 
     Args:
         people: azimuths, (R,), radians.
-        posterior, grid: what the guide believes; every class takes part, however quiet, but those for diffuse noise.
-        least_peak: classes whose strongest direction weighs less are diffuse noise.
-        within: what near means, radians.
+        posterior, grid: posterior of a clip and its directions; classes of diffuse noise are left out.
+        least_peak: smallest weight of the strongest direction of a class that is not diffuse noise.
+        within: largest angle between a person and its class, radians.
     """
     pointed = [k for k, weights_d in enumerate(posterior.direction_weights_kd) if weights_d.max() >= least_peak]
     azimuths = [peak_azimuth(posterior.direction_weights_kd[k], grid) for k in pointed]
@@ -53,7 +53,7 @@ def levels_of(
 
 
 def roc_curve(talking: npt.ArrayLike, silent: npt.ArrayLike) -> RocCurve | None:
-    """The curve of telling talkers from silent people by a threshold on their levels; None if either are missing."""
+    """Curve of detecting talkers by a threshold on their levels; None without talkers or without silent people."""
     talking_t, silent_s = np.asarray(talking, dtype=np.float64), np.asarray(silent, dtype=np.float64)
     if not (talking_t.size and silent_s.size):
         return None

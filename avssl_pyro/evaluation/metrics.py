@@ -1,4 +1,4 @@
-"""Count-aware, class-agnostic localization metrics over clips, micro-averaged, with bootstrap intervals."""
+"""Localization metrics over clips, class-agnostic and micro-averaged, with bootstrap intervals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,32 +6,28 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linear_sum_assignment
 
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.matching import Matching, angular_errors, gate_then_assign
 
 Azimuths = npt.NDArray[np.float64]
-OSPA_CUTOFF = np.pi / 6
 
 
 @dataclass(frozen=True)
 class ClipTallies:
-    """What every score is made of, one entry per clip, so that clips can be resampled without matching again.
+    """Counts behind every score, one entry per clip, so that clips can be resampled without matching again.
 
     Args:
-        hits_b: matched pairs, (B,).
-        references_b: true sources, (B,).
-        estimates_b: estimated sources, (B,).
+        hits_b: numbers of matched pairs, (B,).
+        references_b: numbers of true sources, (B,).
+        estimates_b: numbers of estimated sources, (B,).
         errors_b: sum of the errors of the matched pairs, (B,), radians.
-        ospa_b: OSPA distances, (B,), radians.
     """
 
     hits_b: npt.NDArray[np.int64]
     references_b: npt.NDArray[np.int64]
     estimates_b: npt.NDArray[np.int64]
     errors_b: npt.NDArray[np.float64]
-    ospa_b: npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -52,17 +48,15 @@ class Scores:
         f_measure: 2 matched / (true + estimated); 1, like precision and recall, if there was nothing and nothing was
             estimated.
         localization_error: mean error over matched pairs, radians; NaN without a matched pair.
-        ospa: mean OSPA distance, radians.
         count_accuracy: share of clips with the right number of sources.
         count_confusion: clips by true (row) and estimated (column) number of sources, square.
-        tallies: the per-clip numbers behind all of these.
+        tallies: counts of every clip.
     """
 
     precision: float
     recall: float
     f_measure: float
     localization_error: float
-    ospa: float
     count_accuracy: float
     count_confusion: npt.NDArray[np.int64]
     tallies: ClipTallies
@@ -72,39 +66,22 @@ class Scores:
         return len(self.tallies.hits_b)
 
 
-def ospa(reference: npt.ArrayLike, estimate: npt.ArrayLike, cutoff: float = OSPA_CUTOFF, order: float = 1.0) -> float:
-    """Optimal subpattern assignment distance of two sets of azimuths (Schuhmacher, Vo, Vo 2008), radians.
-
-    The ``order``-mean, over the larger set, of the errors (cut at ``cutoff``) of the best assignment, where every
-    source too many or too few costs ``cutoff``. Two empty sets are at distance 0.
-    """
-    error_re = np.minimum(angular_errors(reference, estimate), cutoff) ** order
-    larger = max(error_re.shape)
-    if larger == 0:
-        return 0.0
-    rows, columns = linear_sum_assignment(error_re)
-    unpaired = larger - min(error_re.shape)
-    total = float(error_re[rows, columns].sum()) + unpaired * cutoff**order
-    return float((total / larger) ** (1.0 / order))
-
-
 def tally(
     reference: Sequence[npt.ArrayLike],
     estimate: Sequence[npt.ArrayLike],
     tolerance: float,
     matching: Matching = gate_then_assign,
-    ospa_order: float = 1.0,
 ) -> ClipTallies:
-    """Matches every clip; arguments as in :func:`evaluate`."""
+    """Counts of every clip; arguments as in :func:`evaluate`."""
     if len(reference) != len(estimate):
         raise InputError(
             f"evaluation: {len(reference)} clips have a reference but {len(estimate)} an estimate; give one per clip."
         )
     if not len(reference):
-        raise InputError("evaluation: there is not a single clip; scores need at least one.")
+        raise InputError("evaluation: there are no clips; give at least one.")
     if not (np.isfinite(tolerance) and 0.0 < tolerance <= np.pi):
         raise InputError(f"evaluation: a tolerance of {tolerance} rad is out of range; give one in (0, pi] radians.")
-    hits, errors, distances = [], [], []
+    hits, errors = [], []
     for clip, (truth, guess) in enumerate(zip(reference, estimate, strict=True)):
         error_re = angular_errors(truth, guess)
         if not np.isfinite(error_re).all():
@@ -112,13 +89,11 @@ def tally(
         rows, columns = matching(error_re, tolerance)
         hits.append(len(rows))
         errors.append(float(error_re[rows, columns].sum()))
-        distances.append(ospa(truth, guess, order=ospa_order))
     return ClipTallies(
         hits_b=np.array(hits, dtype=np.int64),
         references_b=np.array([np.size(truth) for truth in reference], dtype=np.int64),
         estimates_b=np.array([np.size(guess) for guess in estimate], dtype=np.int64),
         errors_b=np.array(errors),
-        ospa_b=np.array(distances),
     )
 
 
@@ -127,21 +102,19 @@ def evaluate(
     estimate: Sequence[npt.ArrayLike],
     tolerance: float,
     matching: Matching = gate_then_assign,
-    ospa_order: float = 1.0,
 ) -> Scores:
     """Scores estimated against true azimuths.
 
     Args:
-        reference: per clip, the true azimuths, radians, any number.
-        estimate: per clip, the estimated azimuths, radians, any number, in any order.
+        reference: true azimuths per clip, radians, any number.
+        estimate: estimated azimuths per clip, radians, any number, in any order.
         tolerance: largest error that counts as correct, radians, inclusive.
-        matching: :func:`gate_then_assign` or :func:`assign_then_gate`, or anything like them.
-        ospa_order: order p of the OSPA distance.
+        matching: :func:`gate_then_assign` or :func:`assign_then_gate`, or another function like them.
 
     Raises:
         InputError: no clips, lists of unequal length, a tolerance outside (0, pi], or an azimuth that is not finite.
     """
-    return summarize(tally(reference, estimate, tolerance, matching, ospa_order))
+    return summarize(tally(reference, estimate, tolerance, matching))
 
 
 def summarize(tallies: ClipTallies, clips: npt.NDArray[np.bool_] | None = None) -> Scores:
@@ -156,10 +129,9 @@ def summarize(tallies: ClipTallies, clips: npt.NDArray[np.bool_] | None = None) 
             tallies.references_b[clips],
             tallies.estimates_b[clips],
             tallies.errors_b[clips],
-            tallies.ospa_b[clips],
         )
     if not len(tallies.hits_b):
-        raise InputError("evaluation: there is not a single clip; scores need at least one.")
+        raise InputError("evaluation: there are no clips; give at least one.")
     hits = int(tallies.hits_b.sum())
     truths, guesses = int(tallies.references_b.sum()), int(tallies.estimates_b.sum())
     empty = float(truths + guesses == 0)
@@ -171,17 +143,16 @@ def summarize(tallies: ClipTallies, clips: npt.NDArray[np.bool_] | None = None) 
         recall=hits / truths if truths else empty,
         f_measure=2 * hits / (truths + guesses) if truths + guesses else 1.0,
         localization_error=float(tallies.errors_b.sum()) / hits if hits else float("nan"),
-        ospa=float(tallies.ospa_b.mean()),
         count_accuracy=float((tallies.references_b == tallies.estimates_b).mean()),
         count_confusion=confusion,
         tallies=tallies,
     )
 
 
-# Drawing is by far the slowest part, and the rows of a table ask for the same draws again and again.
+# Drawing is by far the slowest part, and all rows of a table use the same draws.
 @lru_cache(maxsize=4)
 def _resampled_counts(num_clips: int, seed: int, draws: int) -> npt.NDArray[np.float64]:
-    """How often each clip is drawn in each bootstrap sample, (draws, B)."""
+    """Number of times each clip is drawn in each bootstrap sample, (draws, B)."""
     rng = np.random.default_rng(seed)
     times_sb = rng.multinomial(num_clips, np.full(num_clips, 1.0 / num_clips), size=draws).astype(np.float64)
     times_sb.flags.writeable = False

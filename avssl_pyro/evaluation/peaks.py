@@ -14,11 +14,11 @@ FLATNESS = 1e-9
 
 @dataclass(frozen=True)
 class PeakSetting:
-    """When a peak counts as a source.
+    """Conditions under which a peak counts as a source.
 
     Args:
-        threshold: least height over the spectrum's minimum, relative to that of its maximum, from 0 to 1.
-        max_peaks: most sources reported, strongest first.
+        threshold: smallest height over the spectrum's minimum, relative to that of its maximum, from 0 to 1.
+        max_peaks: largest number of sources, strongest first.
     """
 
     threshold: float

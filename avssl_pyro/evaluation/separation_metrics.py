@@ -3,15 +3,15 @@
 import numpy as np
 import numpy.typing as npt
 
-# Of power, either way: 100 dB.
+# Of power: 100 dB in either direction.
 LEAST_SHARE = 1e-10
 
 
 def si_sdr(estimate_n: npt.NDArray[np.floating], reference_n: npt.NDArray[np.floating]) -> float:
     """10 log10 of the power of the estimate along the reference over that of the rest, dB (Le Roux et al. 2019).
 
-    With the angle between the two signals it is 20 log10 cot of it, so the scale of neither matters. It is kept within
-    -100 and 100 dB; -100 dB is also what silence gets.
+    It is 20 log10 cot of the angle between the two signals, whatever their scales. It is limited to -100 and 100 dB;
+    silence has -100 dB.
     """
     estimate_n, reference_n = estimate_n.astype(np.float64), reference_n.astype(np.float64)
     powers = float(estimate_n @ estimate_n) * float(reference_n @ reference_n)

@@ -1,4 +1,4 @@
-"""Does the posterior spread of an azimuth say how wrong it is? Coverage, reliability by bins, and a fitted scale."""
+"""Calibration of the posterior spread of azimuths: coverage, reliability by bins, and a fitted scale."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from avssl_pyro.localization.posterior import LocalizedSource
 
 # Shares of a normal distribution within one and two standard deviations.
 ONE_STD, TWO_STD = 0.6827, 0.9545
-# Wider than the headline tolerance: a tight gate would hide exactly the errors that a spread should foretell.
+# Wider than the headline tolerance: a tight gate would hide the errors that a spread should predict.
 GATE_DEG = 20.0
 MAX_BINS = 5
 
@@ -38,7 +38,7 @@ class ReliabilityBin:
         predicted: root mean square of the predicted standard deviations.
         observed: root mean square of the errors.
         within_one: share of errors within one standard deviation.
-        sources: how many.
+        sources: number of sources.
     """
 
     low: float
@@ -51,10 +51,10 @@ class ReliabilityBin:
 
 @dataclass(frozen=True)
 class Calibration:
-    """How well predicted spreads cover the errors of test scenes.
+    """Coverage of the errors of test scenes by predicted spreads.
 
     Args:
-        sources: matched sources.
+        sources: number of matched sources.
         within_one, within_two: shares of errors within one and two predicted standard deviations.
         scale: factor fitted on validation scenes, see :func:`fit_scale`.
         scaled_one, scaled_two: shares within one and two standard deviations after scaling.
@@ -113,7 +113,7 @@ def fit_scale(spread: SpreadErrors) -> float:
 def reliability(spread: SpreadErrors, max_bins: int = MAX_BINS) -> tuple[ReliabilityBin, ...]:
     """Predicted against observed spread, over bins with about equally many sources, from sure to unsure.
 
-    Equal predictions are never split, so there may be fewer bins than asked for.
+    Equal predictions are never split, so there may be fewer than ``max_bins``.
     """
     if not len(spread.errors_p):
         return ()

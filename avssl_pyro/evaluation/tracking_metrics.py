@@ -1,4 +1,4 @@
-"""How well sources keep their identity: CLEAR MOT over azimuths, beside the F-measure of single windows."""
+"""Tracking metrics: CLEAR MOT over azimuths, and the F-measure of single windows."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A table of localized sources, with their uncertainty and, where it is known, the truth beside."""
+"""Table of localized sources with their uncertainty, and with their errors where the truth is known."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,11 +10,11 @@ from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.localization.posterior import LocalizedSource
 
 
-def source_table(answers: Mapping[str, Sequence[LocalizedSource]], talkers: Sequence[float] = ()) -> Table:
-    """Every source of every answer in a row, in degrees, with its distance from the nearest true azimuth.
+def source_table(estimates: Mapping[str, Sequence[LocalizedSource]], talkers: Sequence[float] = ()) -> Table:
+    """One row for each source, in degrees, with its distance from the nearest true azimuth.
 
     Args:
-        answers: sources by the name of who gave them.
+        estimates: sources by the name of the method.
         talkers: true azimuths, radians.
     """
     table = Table(box=box.SIMPLE_HEAD)
@@ -22,7 +22,7 @@ def source_table(answers: Mapping[str, Sequence[LocalizedSource]], talkers: Sequ
     table.add_column("")
     for heading in headings:
         table.add_column(heading, justify="right")
-    for name, sources in answers.items():
+    for name, sources in estimates.items():
         if not sources:
             table.add_row(name, *["–"] * len(headings), end_section=True)
         for source in sources:
