@@ -1,4 +1,4 @@
-"""Activation maps of the source classes as color over an equirectangular image."""
+"""Activation maps of source classes as colors over an equirectangular image."""
 
 from collections.abc import Sequence
 
@@ -8,13 +8,13 @@ import numpy.typing as npt
 
 from avssl_pyro.viz.palette import Color
 
-# The photograph steps back a little, so that colors on it are colors of classes.
+# The photograph is paler and darker, so that its colors are not taken for colors of classes.
 PHOTO_SATURATION, PHOTO_BRIGHTNESS = 0.5, 0.9
 MAX_OPACITY = 0.8
 
 
 def resize_circular(map_ij: npt.NDArray[np.float32], rows: int, columns: int) -> npt.NDArray[np.float32]:
-    """A map stretched over (rows, columns), linearly interpolated across the seam between right and left edge."""
+    """Resizes a map to (rows, columns), with linear interpolation across the seam of its left and right edge."""
     margin = 2
     padded = np.pad(map_ij.astype(np.float32), ((0, 0), (margin, margin)), mode="wrap")
     factor = columns / map_ij.shape[1]
@@ -28,10 +28,10 @@ def resize_circular(map_ij: npt.NDArray[np.float32], rows: int, columns: int) ->
 def strength_maps(
     direction_weights_kd: npt.NDArray[np.floating], activations_kij: npt.NDArray[np.floating] | None
 ) -> npt.NDArray[np.float32]:
-    """How much every point belongs to a class, relative to the class's own maximum, (K, i, j) in [0, 1].
+    """Returns the activation of every class relative to its maximum, (K, I, J) in [0, 1].
 
-    Activations are log-weights (their vertical maximum feeds the softmax of Eq. (1)), so their exponential is compared.
-    Without activations, each direction's weight fills its column, as a band.
+    Activations are log-weights, as their maximum over rows enters the softmax of Eq. (1); their exponential is shown.
+    Without activations, the weight of each direction fills its column.
     """
     if activations_kij is None:
         weights_kd = np.asarray(direction_weights_kd, dtype=np.float32)
@@ -41,27 +41,27 @@ def strength_maps(
     return np.asarray(np.exp(maps_kij - maps_kij.max(axis=(1, 2), keepdims=True)), dtype=np.float32)
 
 
-def mute(image_ijc: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """The photograph, paler and darker, RGB in [0, 1]."""
+def desaturate(image_ijc: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """Reduces saturation and brightness of an image; returns RGB in [0, 1]."""
     photo = image_ijc.astype(np.float32) / 255
     gray = photo @ np.array([0.299, 0.587, 0.114], dtype=np.float32)
     muted = PHOTO_BRIGHTNESS * (PHOTO_SATURATION * photo + (1 - PHOTO_SATURATION) * gray[..., None])
     return muted.astype(np.float32)
 
 
-def blend(
+def blend_class_colors(
     base_ijc: npt.NDArray[np.float32],
     strength_kij: npt.NDArray[np.float32],
     colors: Sequence[Color],
     emphasis: Sequence[float],
 ) -> npt.NDArray[np.float32]:
-    """Lays the classes' colors over an image of the size of the maps.
+    """Blends the colors of the classes over an image of the size of the maps.
 
     Args:
-        base_ijc: RGB in [0, 1].
+        base_ijc: image, RGB in [0, 1].
         strength_kij: opacity per class and pixel before emphasis, in [0, 1].
-        colors: of each class.
-        emphasis: of each class, 0 hides it and 1 shows it fully.
+        colors: color of each class.
+        emphasis: factor of each class's opacity, 0 to 1.
     """
     out = base_ijc.copy()
     for strength_ij, color, weight in zip(strength_kij, colors, emphasis, strict=True):

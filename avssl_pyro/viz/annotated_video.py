@@ -1,4 +1,4 @@
-"""A recording's video with its sounding objects drawn in, and its sound."""
+"""Annotated video of a recording: frames with the localized sources, and stereo sound."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -27,18 +27,18 @@ def save_annotated_video(
     show_spread: bool = False,
     on_frame: Callable[[float], None] = lambda _time_s: None,
 ) -> None:
-    """Writes every frame of a recording at its own time, with what sounds then.
+    """Writes every frame of a recording at its time, annotated with the active sources.
 
-    The frames are the camera's own, neither turned nor mirrored; markers and ruler follow the recording's yaw and
-    mirror instead. One ear hears the leftmost microphone, the other the rightmost.
+    Frames are neither rotated nor mirrored; markers and ruler follow the recording's yaw and mirror instead. The left
+    and right channels are the leftmost and the rightmost microphone.
 
     Args:
-        path: the video, see :func:`avssl_pyro.io.video_writer.open_video`.
-        recording: with video.
-        timeline: its sources.
-        array: that recorded it.
-        show_spread: show standard deviations.
-        on_frame: called with the time of every frame, seconds; what it raises ends the work and leaves no file.
+        path: video file, see :func:`avssl_pyro.io.video_writer.open_video`.
+        recording: recording with video.
+        timeline: sources of the recording over time.
+        array: microphones of the recording.
+        show_spread: True draws standard deviations.
+        on_frame: function called with the time of every frame, seconds; an exception ends the writing without a file.
 
     Raises:
         InputError: the recording has no video, or see :func:`avssl_pyro.io.video_writer.open_video`.
@@ -46,7 +46,7 @@ def save_annotated_video(
     """
     video = recording.video
     if video is None:
-        raise InputError(f"{path}: recording '{recording.name}' has no video to draw on.")
+        raise InputError(f"{path}: recording '{recording.name}' has no video; give a recording with one.")
     style = AnnotationStyle(float(np.deg2rad(recording.yaw_deg)), recording.mirror, show_spread)
     annotator = FrameAnnotator(video.height, video.width, timeline, style)
     sound = SoundTrack(SAMPLE_RATE, _sound(recording, stereo_pair(array)))
@@ -57,16 +57,16 @@ def save_annotated_video(
 
 
 def stereo_pair(array: MicrophoneArray) -> tuple[int, int]:
-    """The leftmost and the rightmost microphone; the first one twice where none is further left than another.
+    """Returns the leftmost and the rightmost microphone, or twice the first if all are equally far left.
 
-    Sums of more microphones would lose treble: they hear the same sound at different times.
+    Sums of more microphones would lose high frequencies, as sound reaches them at different times.
     """
     left_m = array.positions[:, 1]
     return (int(left_m.argmax()), int(left_m.argmin())) if left_m.size else (0, 0)
 
 
 def _sound(recording: Recording, pair: tuple[int, int]) -> Iterator[npt.NDArray[np.float32]]:
-    """Left and right ear from the time of the first frame on, (2, N) each; silence where the audio begins later."""
+    """Yields blocks of stereo sound, (2, N), from the first frame on, with silence before the audio begins."""
     if recording.start_s > 0:
         yield np.zeros((2, round(recording.start_s * SAMPLE_RATE)), np.float32)
     first, end = (round((time_s + recording.offset_s) * SAMPLE_RATE) for time_s in (recording.start_s, recording.end_s))

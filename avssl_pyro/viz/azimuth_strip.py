@@ -1,4 +1,4 @@
-"""The strip under an annotated picture: mixing levels over azimuth, and where the sources were in the last seconds."""
+"""Strip below an annotated picture: mixing levels over azimuth, and trails of the last seconds."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from avssl_pyro.tracking.timeline import MAX_TURN, IdentifiedSource, Timeline
 from avssl_pyro.viz.palette import Color
-from avssl_pyro.viz.panorama_axes import Canvas
+from avssl_pyro.viz.panorama_axes import PanoramaAxes
 from avssl_pyro.viz.sprites import TextRenderer
 
 TRAIL_S = 6.0
@@ -25,7 +25,7 @@ HEADROOM, LEVELS, RULER, TRAIL, FOOT = 8, 56, 28, 34, 3
 
 @dataclass(frozen=True)
 class _Step:
-    """A source's way from one moment to the next, columns counted on beyond the edge where it crosses the seam."""
+    """Path of a source between two frames of the timeline; columns exceed the width where it crosses the seam."""
 
     start_s: float
     end_s: float
@@ -34,8 +34,8 @@ class _Step:
     color: Color
 
 
-def _steps(timeline: Timeline, canvas: Canvas, colors: Mapping[int, Color]) -> Iterator[_Step]:
-    """Ways in order of their start; a source that is missing next, or jumps, stays for half of the time until then."""
+def _steps(timeline: Timeline, canvas: PanoramaAxes, colors: Mapping[int, Color]) -> Iterator[_Step]:
+    """Yields paths in order of their start; a source that ends or jumps stays for half a hop."""
     moments = timeline.moments
     for moment, following in zip(moments, (*moments[1:], None), strict=True):
         later = {source.name: source for source in following.sources} if following is not None else {}
@@ -49,20 +49,22 @@ def _steps(timeline: Timeline, canvas: Canvas, colors: Mapping[int, Color]) -> I
                 yield _Step(moment.time_s, following.time_s, x, x + turn, colors[source.name])
 
 
-class CompassStrip:
-    """Draws the strip below a picture; sources stand exactly below their columns.
+class AzimuthStrip:
+    """Draws the strip below a picture, with every source below its column.
 
-    Bars rise with the mixing level, up to the line at level 1; a bar at the seam is seen at both edges. Below the ruler
-    time runs downwards: the uppermost point of a trail is now, the lowest six seconds ago.
+    The height of a bar is the mixing level, up to the line at level 1; a bar at the seam appears at both edges. Below
+    the ruler time runs downwards, from now at the top to six seconds ago at the bottom.
 
     Args:
         canvas: geometry of the picture above.
-        timeline: the sources.
-        colors: of each of their names.
-        show_spread: draw two standard deviations each way as a line under the bar.
+        timeline: sources over time.
+        colors: color of each source, by name.
+        show_spread: True draws two standard deviations either way as a line below the bar.
     """
 
-    def __init__(self, canvas: Canvas, timeline: Timeline, colors: Mapping[int, Color], show_spread: bool) -> None:
+    def __init__(
+        self, canvas: PanoramaAxes, timeline: Timeline, colors: Mapping[int, Color], show_spread: bool
+    ) -> None:
         self._canvas = canvas
         self._colors = colors
         self._steps = tuple(_steps(timeline, canvas, colors))
@@ -82,7 +84,7 @@ class CompassStrip:
         return len(self._empty_ijc)
 
     def draw(self, strip_ijc: npt.NDArray[np.uint8], time_s: float, sources: Sequence[IdentifiedSource]) -> None:
-        """Paints the strip of a time and its sources into ``strip_ijc``, uint8 RGB (height, width, 3)."""
+        """Draws the strip at a time into ``strip_ijc``, uint8 RGB (height, width, 3)."""
         strip_ijc[:] = self._empty_ijc
         self._draw_trails(strip_ijc, time_s)
         for source in sources:
@@ -92,7 +94,7 @@ class CompassStrip:
         return round(units * self._unit)
 
     def _draw_ruler(self) -> None:
-        """Tick marks every ten degrees, figures every thirty, and the lines of level 1/2 and 1."""
+        """Draws ticks every ten degrees, labels every thirty, and lines at levels 1/2 and 1."""
         picture_ijc, canvas, unit = self._empty_ijc, self._canvas, self._unit
         small = TextRenderer(13 * unit)
         for row, share in ((self._ceiling, 0.12), (round((self._ceiling + self._floor) / 2), 0.08)):
@@ -103,24 +105,24 @@ class CompassStrip:
             labelled = degrees % 30 == 0
             length = self._rows(8 if labelled else 4)
             for shift in canvas.copies(x - thick, x + thick):
-                # A hair more, or equal fractions would be rounded either way.
+                # The small offset makes equal fractions round the same way.
                 left = int(np.clip(round(x + shift - thick / 2 + 1e-6), 0, canvas.width - thick))
                 picture_ijc[self._floor : self._floor + length, left : left + thick] = _bytes(_mixed(WHITE, 0.8))
             if labelled:
                 self._draw_degrees(small, degrees, x)
         caption = TextRenderer(10.5 * unit)
         for text, top in (("level 1", self._ceiling), (f"last {TRAIL_S:g} s", self._trail_top)):
-            stamp = caption.stamp(text, WHITE, 0.45)
-            stamp.lay_over(picture_ijc, 6 * unit + stamp.columns / 2, top + 2 * unit + stamp.rows / 2)
+            sprite = caption.sprite(text, WHITE, 0.45)
+            sprite.draw_onto(picture_ijc, 6 * unit + sprite.columns / 2, top + 2 * unit + sprite.rows / 2)
 
-    def _draw_degrees(self, lettering: TextRenderer, degrees: int, x: float) -> None:
-        """The figure of a tick, whole at both edges if it meets the seam."""
+    def _draw_degrees(self, text_renderer: TextRenderer, degrees: int, x: float) -> None:
+        """Draws the label of a tick, whole at both edges if it crosses the seam."""
         text = {0: "0°", -180: "±180°"}.get(degrees, f"{degrees:+d}°".replace("-", "−"))
-        stamp = lettering.stamp(text, WHITE, 0.9)
-        half = stamp.columns / 2 + 4 * self._unit
+        sprite = text_renderer.sprite(text, WHITE, 0.9)
+        half = sprite.columns / 2 + 4 * self._unit
         for shift in self._canvas.copies(x - half, x + half):
             middle = float(np.clip(x + shift, half, self._canvas.width - half))
-            stamp.lay_over(self._empty_ijc, middle, self._floor + 9 * self._unit + stamp.rows / 2)
+            sprite.draw_onto(self._empty_ijc, middle, self._floor + 9 * self._unit + sprite.rows / 2)
 
     def _draw_bar(self, strip_ijc: npt.NDArray[np.uint8], source: IdentifiedSource, color: Color) -> None:
         canvas, unit = self._canvas, self._unit
@@ -150,7 +152,7 @@ class CompassStrip:
                 _fill(strip_ijc, ((left, self._floor), (right, self._floor), (right, low), (left, low)), color)
 
     def _draw_trails(self, strip_ijc: npt.NDArray[np.uint8], time_s: float) -> None:
-        """Paths of the last seconds, fading; a path is broken where its source is missing or jumps."""
+        """Draws the fading paths of the last seconds, with gaps where a source is missing or jumps."""
         first = bisect_left(self._steps, time_s - TRAIL_S, key=lambda step: step.start_s)
         last = bisect_right(self._steps, time_s, key=lambda step: step.start_s)
         thick = max(1, round(2.4 * self._unit))
@@ -168,7 +170,7 @@ class CompassStrip:
 
 
 def _mixed(color: Color, share: float) -> Color:
-    """A color laid over the strip's background."""
+    """Blends a color over the strip's background."""
     red, green, blue = (share * part + (1 - share) * under for part, under in zip(color, BACKGROUND, strict=True))
     return red, green, blue
 
@@ -179,7 +181,7 @@ def _bytes(color: Color) -> tuple[int, int, int]:
 
 
 def _fixed(x: float, y: float) -> tuple[int, int]:
-    """A point in OpenCV's fixed-point numbers, whose whole values are the middles of pixels."""
+    """Converts a point to OpenCV's fixed-point numbers, whose integers are centres of pixels."""
     return round((x - 0.5) * (1 << PLACES)), round((y - 0.5) * (1 << PLACES))
 
 

@@ -1,4 +1,4 @@
-"""A sheet of scenes with the truth drawn in, so that a wrong mirror, scale or level is seen at a glance."""
+"""Contact sheet of scenes with their labels, for visual checks of mirror, scale and levels."""
 
 import io
 import math
@@ -21,10 +21,10 @@ DOTS_PER_INCH = 100
 def contact_sheet(scenes: Sequence[LabeledScene], title: str) -> bytes:
     """Draws images with true azimuths, the waveform of the first microphone, and the level of each talker.
 
-    Talkers are solid lines, silent people dashed ones; azimuths in degrees, left of the center positive.
+    Talkers have solid lines, silent people dashed lines; azimuths are in degrees, positive to the left.
 
     Returns:
-        A PNG.
+        Contents of a PNG file.
     """
     rows = -(-len(scenes) // SHEET_COLUMNS)
     figure = Figure(figsize=(19.0, 0.7 + 2.1 * rows), dpi=DOTS_PER_INCH, layout="constrained")

@@ -1,4 +1,4 @@
-"""A frame of an annotated video: the camera's picture with its sounding objects, and the compass strip below."""
+"""Frames of an annotated video: the camera's picture with its sources, and the azimuth strip below."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,17 +8,17 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.tracking.timeline import IdentifiedSource, Timeline
-from avssl_pyro.viz.azimuth_strip import CompassStrip
+from avssl_pyro.viz.azimuth_strip import AzimuthStrip
 from avssl_pyro.viz.palette import Color, ink_on, track_colors
-from avssl_pyro.viz.panorama_axes import BoxSize, Canvas, place_boxes
+from avssl_pyro.viz.panorama_axes import BoxSize, PanoramaAxes, place_boxes
 from avssl_pyro.viz.sprites import Sprite, TextRenderer, rounded_box
 
-# Letters need so many columns, and browsers and two cores no more than so many.
-LEAST_WIDTH, MOST_WIDTH = 960, 1920
-# Figures that changed with every frame could not be read.
+# Least width for readable letters, and greatest width for browsers and two cores.
+MIN_FRAME_WIDTH, MAX_FRAME_WIDTH = 960, 1920
+# Labels change this often, in seconds; numbers that change with every frame are not readable.
 LABEL_S = 0.25
-# Labels of some seconds; a forgotten one is only drawn again.
-MOST_STAMPS = 256
+# Cached labels, enough for some seconds; others are drawn again.
+MAX_SPRITES = 256
 INK: dict[str, Color] = {"black": (0.05, 0.05, 0.05), "white": (1.0, 1.0, 1.0)}
 DARK: Color = (0.06, 0.07, 0.08)
 # A source's column glows this far each way where no spread is shown (radians), and so strongly; a wider spread than the
@@ -28,12 +28,12 @@ GLOW, WIDEST_GLOW, GLOW_OPACITY = np.deg2rad(4.0), np.deg2rad(12.0), 0.3
 
 @dataclass(frozen=True)
 class AnnotationStyle:
-    """What an annotated video shows.
+    """Settings of an annotated video.
 
     Args:
-        yaw: azimuth of the picture's centre column, as the array counts, radians.
-        mirror: the picture shows the array's left at its right.
-        show_spread: write standard deviations and draw them; leave it out where they mean little.
+        yaw: azimuth of the picture's centre column in the array's coordinates, radians.
+        mirror: True for a picture with left and right exchanged.
+        show_spread: True writes and draws standard deviations.
     """
 
     yaw: float = 0.0
@@ -42,40 +42,40 @@ class AnnotationStyle:
 
 
 class FrameAnnotator:
-    """Draws frames of one video; everything that meets the picture's edge goes on at the other side.
+    """Annotates the frames of one video; marks that cross the picture's edge continue at the other side.
 
-    Each source has a line, a glow and a labelled box in its own color at its azimuth, and its bar and trail on the
-    compass strip. The label has the number of the source and its mixing level.
+    Each source has a line, a glow and a labelled box in its color at its azimuth, and a bar and a trail on the azimuth
+    strip. The label has the number of the source and its mixing level.
 
     Args:
         rows, columns: size of the video's frames; those narrower than 960 are enlarged by a whole number, those wider
             than 1920 made smaller.
-        timeline: the sources.
-        style: what is shown.
+        timeline: sources over time.
+        style: settings of the video.
     """
 
     def __init__(self, rows: int, columns: int, timeline: Timeline, style: AnnotationStyle) -> None:
-        factor = MOST_WIDTH / columns if columns > MOST_WIDTH else max(1, -(-LEAST_WIDTH // columns))
+        factor = MAX_FRAME_WIDTH / columns if columns > MAX_FRAME_WIDTH else max(1, -(-MIN_FRAME_WIDTH // columns))
         # H.264 halves the resolution of colors: both sides must be even.
         self.width = 2 * round(columns * factor / 2)
         self._picture_rows = round(rows * factor)
         self._style = style
         self._timeline = timeline
-        self._canvas = Canvas(self.width, self._picture_rows, style.yaw, style.mirror)
+        self._canvas = PanoramaAxes(self.width, self._picture_rows, style.yaw, style.mirror)
         self._colors = track_colors(timeline)
-        self._strip = CompassStrip(self._canvas, timeline, self._colors, style.show_spread)
+        self._strip = AzimuthStrip(self._canvas, timeline, self._colors, style.show_spread)
         self.height = 2 * -(-(self._picture_rows + self._strip.height) // 2)
         self._unit = self.width / 1152
         self._label = TextRenderer(15 * self._unit, bold=True)
         self._clock = TextRenderer(14 * self._unit)
-        self._stamps: dict[tuple[str, Color], Sprite] = {}
+        self._sprites: dict[tuple[str, Color], Sprite] = {}
 
     def draw(self, frame_ijc: npt.NDArray[np.uint8], time_s: float) -> npt.NDArray[np.uint8]:
-        """Annotates the frame of a time.
+        """Annotates one frame.
 
         Args:
-            frame_ijc: RGB, (rows, columns, 3).
-            time_s: seconds from the start of the recording, as the timeline counts.
+            frame_ijc: frame, RGB, (rows, columns, 3).
+            time_s: time of the frame on the timeline, seconds.
 
         Returns:
             uint8 RGB, (height, width, 3), both even.
@@ -98,7 +98,7 @@ class FrameAnnotator:
         return page_ijc
 
     def _draw_columns(self, picture_ijc: npt.NDArray[np.uint8], sources: Sequence[IdentifiedSource]) -> None:
-        """Glows and lines. They are alike in every row, so each column is mixed with one color by one share."""
+        """Draws glows and lines, which are equal in every row."""
         kept_j = np.ones(self.width, dtype=np.float32)
         added_jc = np.zeros((self.width, 3), dtype=np.float32)
 
@@ -127,55 +127,57 @@ class FrameAnnotator:
     def _draw_labels(
         self, picture_ijc: npt.NDArray[np.uint8], sources: Sequence[IdentifiedSource], time_s: float
     ) -> None:
-        """Boxes along the upper edge, where a full sphere shows the ceiling; in order of names, so that none jumps."""
+        """Draws boxes along the upper edge (the ceiling), in order of names, which keeps them in place."""
         held = {source.name: source for source in self._timeline.at(time_s // LABEL_S * LABEL_S)}
         named = sorted(sources, key=lambda source: source.name)
-        stamps = [self._label_stamp(held.get(source.name, source)) for source in named]
-        size = BoxSize(max((stamp.columns for stamp in stamps), default=0), max((s.rows for s in stamps), default=0))
+        sprites = [self._label_sprite(held.get(source.name, source)) for source in named]
+        size = BoxSize(
+            max((sprite.columns for sprite in sprites), default=0), max((s.rows for s in sprites), default=0)
+        )
         anchors = [(self._canvas.column(source.azimuth), 0.0) for source in named]
         boxes = place_boxes(anchors, self._canvas, size)
-        for stamp, box in zip(stamps, boxes, strict=True):
+        for sprite, box in zip(sprites, boxes, strict=True):
             for x in box.centers:
-                stamp.lay_over(picture_ijc, x, box.y)
+                sprite.draw_onto(picture_ijc, x, box.y)
 
-    def _label_stamp(self, source: IdentifiedSource) -> Sprite:
+    def _label_sprite(self, source: IdentifiedSource) -> Sprite:
         spread = f" ±{np.rad2deg(source.azimuth_std):.0f}°" if self._style.show_spread else ""
         color = self._colors[source.name]
-        return self._stamp(f"{source.name}: {source.level:.2f}{spread}", color, self._draw_label)
+        return self._sprite(f"{source.name}: {source.level:.2f}{spread}", color, self._draw_label)
 
     def _draw_label(self, text: str, color: Color) -> Sprite:
-        """Text in a box of the source's color with a dark edge."""
+        """Renders text in a box of the source's color with a dark edge."""
         mask_ij, edge = self._label.mask(text), max(1, round(self._unit))
         rows, columns = mask_ij.shape[0] + round(5 * self._unit), mask_ij.shape[1] + round(14 * self._unit)
-        stamp = Sprite(rows + 2 * edge, columns + 2 * edge)
-        stamp.paint(rounded_box(stamp.rows, stamp.columns, 5 * self._unit), DARK)
-        stamp.paint(rounded_box(rows, columns, 4 * self._unit), color)
-        stamp.paint(mask_ij, INK[ink_on(color)])
-        return stamp
+        sprite = Sprite(rows + 2 * edge, columns + 2 * edge)
+        sprite.paint(rounded_box(sprite.rows, sprite.columns, 5 * self._unit), DARK)
+        sprite.paint(rounded_box(rows, columns, 4 * self._unit), color)
+        sprite.paint(mask_ij, INK[ink_on(color)])
+        return sprite
 
     def _draw_clock(self, picture_ijc: npt.NDArray[np.uint8], time_s: float) -> None:
-        stamp = self._stamp(time_code(time_s), INK["white"], self._draw_time)
+        sprite = self._sprite(time_code(time_s), INK["white"], self._draw_time)
         margin = 8 * self._unit
-        stamp.lay_over(picture_ijc, margin + stamp.columns / 2, self._picture_rows - margin - stamp.rows / 2)
+        sprite.draw_onto(picture_ijc, margin + sprite.columns / 2, self._picture_rows - margin - sprite.rows / 2)
 
     def _draw_time(self, text: str, color: Color) -> Sprite:
         mask_ij = self._clock.mask(text)
-        stamp = Sprite(mask_ij.shape[0] + round(4 * self._unit), mask_ij.shape[1] + round(12 * self._unit))
-        stamp.paint(rounded_box(stamp.rows, stamp.columns, 4 * self._unit), DARK, 0.6)
-        stamp.paint(mask_ij, color)
-        return stamp
+        sprite = Sprite(mask_ij.shape[0] + round(4 * self._unit), mask_ij.shape[1] + round(12 * self._unit))
+        sprite.paint(rounded_box(sprite.rows, sprite.columns, 4 * self._unit), DARK, 0.6)
+        sprite.paint(mask_ij, color)
+        return sprite
 
-    def _stamp(self, text: str, color: Color, draw: Callable[[str, Color], Sprite]) -> Sprite:
-        """What ``draw`` makes of a text, kept for the frames that follow."""
-        if len(self._stamps) >= MOST_STAMPS:
-            self._stamps.clear()
-        if (text, color) not in self._stamps:
-            self._stamps[text, color] = draw(text, color)
-        return self._stamps[text, color]
+    def _sprite(self, text: str, color: Color, draw: Callable[[str, Color], Sprite]) -> Sprite:
+        """Returns the cached sprite of a text, drawn by ``draw`` on first use."""
+        if len(self._sprites) >= MAX_SPRITES:
+            self._sprites.clear()
+        if (text, color) not in self._sprites:
+            self._sprites[text, color] = draw(text, color)
+        return self._sprites[text, color]
 
 
 def time_code(time_s: float) -> str:
-    """Minutes, seconds and tenths, with hours where there are some."""
+    """Formats a time as minutes, seconds and tenths, with hours if there are any."""
     tenths = max(0, int(time_s * 10 + 1e-6))
     minutes, seconds = divmod(tenths / 10, 60)
     hours, minutes = divmod(int(minutes), 60)

@@ -1,4 +1,4 @@
-"""The picture of a localized scene: what each source class looks at, how loud it is, and where (the paper's Fig. 5)."""
+"""Overlay of a localized clip: activation, mixing level and azimuth of each class (the paper's Fig. 5)."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,18 +15,18 @@ from matplotlib.patches import FancyBboxPatch, Polygon
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
 from avssl_pyro.io.images import save_png
 from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
-from avssl_pyro.viz.activation import blend, mute, resize_circular, strength_maps
+from avssl_pyro.viz.activation import blend_class_colors, desaturate, resize_circular, strength_maps
 from avssl_pyro.viz.palette import OKABE_ITO, Color, color_of, ink_on
-from avssl_pyro.viz.panorama_axes import MIN_WIDTH, BoxSize, Canvas, LabelBox, place_boxes
+from avssl_pyro.viz.panorama_axes import MIN_WIDTH, BoxSize, LabelBox, PanoramaAxes, place_boxes
 
 DPI = 100
-# A class that is no source is shown faintly if it looks at one place (largest weight) where no source is (radians).
+# A class that is no source is faint; it needs a direction of this weight, this far from all sources (radians).
 SILENT_EMPHASIS, SILENT_MIN_WEIGHT, SILENT_DISTANCE = 0.4, 0.1, np.deg2rad(15.0)
 
 
 @dataclass(frozen=True)
 class _Mark:
-    """One labelled class: a source, or a class that looks somewhere but is silent."""
+    """One labelled class: a source, or a silent class with a pronounced direction."""
 
     source_class: int
     azimuth: float
@@ -37,9 +37,9 @@ class _Mark:
 
 
 def _peak_row(strength_ij: npt.NDArray[np.float32], azimuth: float) -> float:
-    """Row of the strongest activation within 10 degrees of an azimuth, the middle for bands."""
+    """Returns the row of the strongest activation within 10 degrees of an azimuth; for bands the middle."""
     rows, columns = strength_ij.shape
-    column = Canvas(columns, rows).column(azimuth)
+    column = PanoramaAxes(columns, rows).column(azimuth)
     reach = max(1, round(columns * 10 / 360))
     near = (round(column) + np.arange(-reach, reach + 1)) % columns
     window_ij = strength_ij[:, near]
@@ -55,7 +55,7 @@ def _marks(
     strength_kij: npt.NDArray[np.float32],
     colors: Sequence[Color],
 ) -> list[_Mark]:
-    """Every source, and every other class that looks at one place away from them."""
+    """Returns marks of all sources, and of other classes with a pronounced direction away from them."""
 
     def mark(k: int, azimuth: float, level: float, source: LocalizedSource | None) -> _Mark:
         return _Mark(k, azimuth, level, _peak_row(strength_kij[k], azimuth), colors[k], source)
@@ -72,7 +72,7 @@ def _marks(
 
 
 def _draw_box(ax: Axes, unit: float, mark: _Mark, box: LabelBox, size: BoxSize) -> None:
-    """The level in a box, filled for a source, hollow for a silent class."""
+    """Draws the level in a box, filled for a source, hollow for a silent class."""
     filled = mark.source is not None
     for x in box.centers:
         ax.add_patch(
@@ -89,7 +89,7 @@ def _draw_box(ax: Axes, unit: float, mark: _Mark, box: LabelBox, size: BoxSize) 
         )
         ax.text(
             x,
-            # The font's digits sit a little high in their line.
+            # The font's digits are a little above the middle of the line.
             box.y + unit,
             f"{mark.level:.2f}",
             color=ink_on(mark.color) if filled else "white",
@@ -101,8 +101,8 @@ def _draw_box(ax: Axes, unit: float, mark: _Mark, box: LabelBox, size: BoxSize) 
         )
 
 
-def _draw_direction(ax: Axes, canvas: Canvas, mark: _Mark) -> None:
-    """A line at the azimuth, and on the ruler the spread (two standard deviations each way) and a pointer."""
+def _draw_direction(ax: Axes, canvas: PanoramaAxes, mark: _Mark) -> None:
+    """Draws a line at the azimuth, and on the ruler two standard deviations either way and a pointer."""
     unit, x, top = canvas.unit, canvas.column(mark.azimuth), float(canvas.image_height)
     source = mark.source
     margin = 8 * unit
@@ -123,7 +123,7 @@ def _draw_direction(ax: Axes, canvas: Canvas, mark: _Mark) -> None:
             ax.plot(xs, (y, y), color=mark.color, linewidth=3.5 * unit, solid_capstyle="butt", zorder=4)
 
 
-def _draw_ruler(ax: Axes, canvas: Canvas) -> None:
+def _draw_ruler(ax: Axes, canvas: PanoramaAxes) -> None:
     unit, top = canvas.unit, float(canvas.image_height)
     ax.axhspan(top, canvas.height, color=(0.09, 0.1, 0.12), zorder=1)
     for degrees in range(180, -181, -10):
@@ -138,8 +138,8 @@ def _draw_ruler(ax: Axes, canvas: Canvas) -> None:
             ax.text(x + inset, y, text, color="white", fontsize=9.5 * unit, ha=align, va="center", zorder=6)
 
 
-def _draw_truth(ax: Axes, canvas: Canvas, truth: Sequence[float] | npt.NDArray[np.float64]) -> None:
-    """White triangles that hang from the upper edge at the true azimuths."""
+def _draw_truth(ax: Axes, canvas: PanoramaAxes, truth: Sequence[float] | npt.NDArray[np.float64]) -> None:
+    """Draws white triangles along the upper edge at the true azimuths."""
     unit = canvas.unit
     for azimuth in truth:
         x = canvas.column(azimuth)
@@ -153,7 +153,7 @@ def _draw_truth(ax: Axes, canvas: Canvas, truth: Sequence[float] | npt.NDArray[n
 def _render(background_ijc: npt.NDArray[np.uint8], draw: Callable[[Axes], None]) -> npt.NDArray[np.uint8]:
     """Draws vector graphics in pixel coordinates over an image, off screen and without pyplot's global state."""
     height, width = background_ijc.shape[:2]
-    # A hair more than the exact size, as the canvas rounds down.
+    # Slightly more than the exact size, as the figure's size is rounded down.
     figure = Figure(figsize=((width + 0.01) / DPI, (height + 0.01) / DPI), dpi=DPI)
     canvas = FigureCanvasAgg(figure)
     figure.figimage(background_ijc, zorder=-1)
@@ -176,17 +176,17 @@ def draw_overlay(
     truth: Sequence[float] | npt.NDArray[np.float64] | None = None,
     palette: Sequence[Color] = OKABE_ITO,
 ) -> npt.NDArray[np.uint8]:
-    """Draws a localized scene; everything that meets the seam at 180 degrees goes on at the other side.
+    """Draws a localized clip; marks that cross the seam at 180 degrees continue at the other side.
 
-    Each source has the color of its class: activation map, line and pointer at its azimuth (with a bar of two standard
-    deviations each way on the ruler), and its mixing level in a filled box. Classes that look at one place but are no
-    source, such as people who do not speak, are faint, with a dashed line and a hollow box.
+    Each source has an activation map, a line and a pointer in the color of its class, a bar of two standard deviations
+    either way on the ruler, and its mixing level in a filled box. Other classes with a pronounced direction, such as
+    people who do not speak, are faint, with a dashed line and a hollow box.
 
     Args:
-        image_ijc: RGB, (I, J, 3), equirectangular, left edge at +180 degrees, covering the rows of the activations.
+        image_ijc: image, RGB, (I, J, 3), equirectangular, left edge at +180 degrees, same view as the activations.
         posterior: posterior of the clip; without activation maps, direction weights are drawn as bands.
-        sources: the sources selected from it.
-        grid: its directions.
+        sources: sources selected from the posterior.
+        grid: directions of the posterior.
         truth: true azimuths, radians, drawn as white triangles along the upper edge.
         palette: colors of the classes, repeated if there are more classes.
 
@@ -194,7 +194,7 @@ def draw_overlay(
         RGB, (I', J', 3): the image enlarged by a whole number to at least 1152 columns, and a ruler below it.
     """
     factor = max(1, -(-MIN_WIDTH // image_ijc.shape[1]))
-    canvas = Canvas(image_ijc.shape[1] * factor, image_ijc.shape[0] * factor)
+    canvas = PanoramaAxes(image_ijc.shape[1] * factor, image_ijc.shape[0] * factor)
     photo_ijc = cv2.resize(image_ijc, (canvas.width, canvas.image_height), interpolation=cv2.INTER_CUBIC)
     raw_kij = strength_maps(posterior.direction_weights_kd, posterior.activations_kij)
     strength_kij = np.stack([resize_circular(raw_ij, canvas.image_height, canvas.width) for raw_ij in raw_kij])
@@ -204,7 +204,7 @@ def draw_overlay(
     emphasis = [0.0] * len(strength_kij)
     for mark in marks:
         emphasis[mark.source_class] = SILENT_EMPHASIS if mark.source is None else 1.0
-    blended_ijc = blend(mute(np.asarray(photo_ijc, dtype=np.uint8)), strength_kij, colors, emphasis)
+    blended_ijc = blend_class_colors(desaturate(np.asarray(photo_ijc, dtype=np.uint8)), strength_kij, colors, emphasis)
     background_ijc = np.zeros((canvas.height, canvas.width, 3), dtype=np.uint8)
     background_ijc[: canvas.image_height] = (255 * blended_ijc + 0.5).clip(0, 255).astype(np.uint8)
     size = BoxSize(46 * canvas.unit, 23 * canvas.unit)
@@ -230,7 +230,7 @@ def save_overlay(
     truth: Sequence[float] | npt.NDArray[np.float64] | None = None,
     palette: Sequence[Color] = OKABE_ITO,
 ) -> None:
-    """Writes the picture of :func:`draw_overlay` as PNG.
+    """Writes the overlay of :func:`draw_overlay` as PNG.
 
     Raises:
         OSError: the file cannot be written; nothing is left behind.

@@ -1,4 +1,4 @@
-"""Pixel geometry of the overlay: a picture that closes to a ring, and boxes on it that neither overlap nor get cut."""
+"""Pixel geometry of a panorama that wraps around, and placement of boxes without overlap."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ MIN_WIDTH = 1152
 
 
 @dataclass(frozen=True)
-class Canvas:
-    """Image on top, degree ruler below; ``unit`` scales lines and letters with the width. All lengths in pixels.
+class PanoramaAxes:
+    """Geometry of a panorama with a degree ruler below, in pixels; lines and letters scale with ``unit``.
 
     Args:
-        width, image_height: size of the image.
+        width, image_height: size of the image, pixels.
         yaw: azimuth in the middle of the image, radians.
-        mirror: the image shows the left at its right.
+        mirror: True for an image with left and right exchanged.
     """
 
     width: int
@@ -37,17 +37,17 @@ class Canvas:
         return self.image_height + self.ruler_height
 
     def column(self, azimuth: float) -> float:
-        """Horizontal position of an azimuth (radians), from 0 (left edge, +180 degrees without yaw) to the width."""
+        """Returns the column of an azimuth (radians), from 0 (left edge, +180 degrees without yaw) to the width."""
         turned = self.yaw - azimuth if not self.mirror else azimuth - self.yaw
         return float((np.pi + turned) % (2 * np.pi)) / (2 * np.pi) * self.width
 
     def distances(self, column: float) -> npt.NDArray[np.float32]:
-        """Distance of every pixel's middle from a column, around the ring, (width,)."""
+        """Returns the circular distance of every pixel's centre from a column, (width,)."""
         offset_j = np.arange(self.width) + 0.5 - column
         return np.abs((offset_j + self.width / 2) % self.width - self.width / 2).astype(np.float32)
 
     def copies(self, left: float, right: float) -> Iterator[float]:
-        """Shifts by whole turns that bring part of [left, right] onto the canvas."""
+        """Yields shifts by whole turns that bring part of [left, right] into the image."""
         for shift in (-self.width, 0, self.width):
             if right + shift > 0 and left + shift < self.width:
                 yield float(shift)
@@ -55,7 +55,7 @@ class Canvas:
 
 @dataclass(frozen=True)
 class LabelBox:
-    """A box around each of some horizontal centers, at one height."""
+    """A label's box, drawn at one height around one or two horizontal centers."""
 
     centers: tuple[float, ...]
     y: float
@@ -67,10 +67,10 @@ class BoxSize:
     height: float
 
 
-def place_boxes(anchors: Sequence[tuple[float, float]], canvas: Canvas, size: BoxSize) -> list[LabelBox]:
-    """Places a box above each anchor (x, y), moved up or down out of the way of those before it.
+def place_boxes(anchors: Sequence[tuple[float, float]], canvas: PanoramaAxes, size: BoxSize) -> list[LabelBox]:
+    """Places a box above each anchor (x, y), moved up or down if it would overlap an earlier box.
 
-    A box that would cross the seam is drawn whole at both edges instead.
+    A box that would cross the seam is drawn whole at both edges.
     """
     gap = 3 * canvas.unit
     half = size.width / 2 + gap

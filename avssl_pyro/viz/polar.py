@@ -1,7 +1,7 @@
-"""Directions on a circle seen from above: straight ahead is up, left is left.
+"""Polar plots of directions, seen from above: straight ahead is up, left is left.
 
-What a posterior says is drawn as a rose: a wedge for every direction of every class whose area is the level times the
-direction's share, so that the wedges of a class together are as large as its level, however wide it looks.
+A posterior is drawn as a rose, with a wedge for every direction of every class. The area of a wedge is the level of the
+class times the share of the direction, so the area of a class is its level.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,13 +33,13 @@ PATTERN_COLORS = tuple(OKABE_ITO[index] for index in (6, 1, 4, 3, 5))
 
 @dataclass(frozen=True)
 class Circle:
-    """What is drawn on one circle; angles in radians.
+    """Contents of one polar plot; angles in radians.
 
     Args:
         weights_kd: direction weights of every class, of any scale, (K, D), directions as in :class:`DirectionGrid`.
         level_k: mixing levels, (K,); all alike by default.
-        sources: sources found, as arcs of two standard deviations each way.
-        talkers, silent: true azimuths of who speaks and who does not.
+        sources: localized sources, drawn as arcs of two standard deviations either way.
+        talkers, silent: true azimuths of talkers and of silent people.
     """
 
     weights_kd: npt.ArrayLike
@@ -52,7 +52,7 @@ class Circle:
     def of(
         cls, posterior: ClipPosterior, sources: Sequence[LocalizedSource] = (), truth: SceneLabels | None = None
     ) -> "Circle":
-        """A posterior, what was selected from it, and the truth if it is known."""
+        """Returns the plot of a posterior, its sources, and the true azimuths if known."""
         truth = truth or SceneLabels(())
         weights_kd, level_k = posterior.direction_weights_kd, posterior.mixing_levels_k
         return cls(weights_kd, level_k, sources, truth.talker_azimuths, truth.silent_azimuths)
@@ -83,11 +83,11 @@ def draw_circles(circles: Mapping[str, Circle], columns: int = 4) -> Figure:
     """Roses side by side, on one scale: colors of the classes, triangles for talkers, rings for silent people.
 
     Args:
-        circles: by title.
-        columns: most circles in a row.
+        circles: plots by title.
+        columns: greatest number of plots in a row.
 
     Raises:
-        InputError: there is no circle, or one that cannot be drawn.
+        InputError: there is no plot, or one has wrong values.
     """
     radii = {title: circle.radius_kd for title, circle in circles.items()}
     largest = max((float(radius_kd.max(initial=0.0)) for radius_kd in radii.values()), default=0.0) or 1.0
@@ -95,7 +95,7 @@ def draw_circles(circles: Mapping[str, Circle], columns: int = 4) -> Figure:
     for ax, (title, circle) in zip(panels, circles.items(), strict=True):
         radius_kd = radii[title] / largest
         grid = DirectionGrid(radius_kd.shape[-1])
-        # The large ones first, so that none is hidden.
+        # Large wedges come first, so that none is hidden.
         for k in np.argsort(-radius_kd.max(-1)):
             color = color_of(int(k), OKABE_ITO)
             edge = tuple(EDGE_SHADE * part for part in color)
@@ -132,12 +132,12 @@ def figure_pixels(figure: Figure, dpi: float) -> npt.NDArray[np.uint8]:
 def draw_patterns(
     circles: Mapping[str, Mapping[str, npt.ArrayLike]], *, floor_db: float = -20.0, columns: int = 4
 ) -> Figure:
-    """Lines on circles, in decibels: beam patterns, or anything that has a power in every direction.
+    """Draws powers over direction, such as beam patterns, as lines in decibels.
 
     Args:
-        circles: by title, lines by their legend, each a power in every direction, (D,), 1 at the rim.
-        floor_db: what the middle of the circle stands for.
-        columns: most circles in a row.
+        circles: plots by title, each with lines by legend; a line is a power per direction, (D,), 1 at the rim.
+        floor_db: power at the middle of the circle, dB.
+        columns: greatest number of plots in a row.
 
     Raises:
         InputError: there is no circle, or ``floor_db`` is not negative.
@@ -164,7 +164,7 @@ def draw_patterns(
 
 
 def _panels(titles: Sequence[str], columns: int) -> tuple[Figure, list[PolarAxes]]:
-    """A figure with an empty circle for every title."""
+    """Creates a figure with an empty polar plot for every title."""
     if not titles or columns < 1:
         raise InputError("circle: there is nothing to draw; give at least one circle and one column.")
     columns = min(columns, len(titles))
@@ -186,7 +186,7 @@ def _panels(titles: Sequence[str], columns: int) -> tuple[Figure, list[PolarAxes
 
 
 def _wedges(grid: DirectionGrid, radius_d: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Corners (azimuth, radius) of a wedge for every direction, (D, 4, 2); one artist draws them faster than D bars."""
+    """Returns the corners (azimuth, radius) of a wedge for every direction, (D, 4, 2)."""
     side_d4 = grid.azimuths[:, None] + grid.spacing / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
     return np.stack([side_d4, radius_d[:, None] * np.array([0.0, 1.0, 1.0, 0.0])], axis=-1)
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from avssl_pyro.viz.activation import blend, resize_circular, strength_maps
+from avssl_pyro.viz.activation import blend_class_colors, resize_circular, strength_maps
 
 
 def test_a_map_on_the_seam_grows_on_both_sides_alike():
@@ -39,7 +39,7 @@ def test_emphasis_decides_how_much_of_a_color_is_seen():
     base = np.full((1, 3, 3), 0.5, dtype=np.float32)
     strength = np.array([[[1.0, 0.5, 0.0]]], dtype=np.float32)
     red = (1.0, 0.0, 0.0)
-    np.testing.assert_array_equal(blend(base, strength, [red], [0.0]), base)
-    full, faint = blend(base, strength, [red], [1.0]), blend(base, strength, [red], [0.4])
+    np.testing.assert_array_equal(blend_class_colors(base, strength, [red], [0.0]), base)
+    full, faint = blend_class_colors(base, strength, [red], [1.0]), blend_class_colors(base, strength, [red], [0.4])
     assert full[0, 0, 0] > full[0, 1, 0] > full[0, 2, 0] == 0.5
     assert full[0, 0, 0] > faint[0, 0, 0] > 0.5

@@ -98,7 +98,7 @@ def test_the_sound_fits_the_picture_and_left_is_left(recording: Recording, tmp_p
 
 
 def test_without_a_video_there_is_nothing_to_draw_on(recording: Recording, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="has no video to draw on"):
+    with pytest.raises(InputError, match="has no video; give a recording"):
         save_annotated_video(tmp_path / "out.mp4", Recording("blind", recording.audio), walk(), ARRAY)
 
 

@@ -4,9 +4,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.viz.panorama_axes import BoxSize, Canvas, place_boxes
+from avssl_pyro.viz.panorama_axes import BoxSize, PanoramaAxes, place_boxes
 
-CANVAS = Canvas(1152, 352)
+CANVAS = PanoramaAxes(1152, 352)
 SIZE = BoxSize(46, 23)
 
 
