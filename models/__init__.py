@@ -1,1 +1,9 @@
 """Generative models, their priors and likelihoods."""
+
+__all__ = [
+    "explicit_masks",
+    "likelihoods",
+    "priors",
+    "spatial_cgmm",
+    "tracking",
+]

@@ -1,6 +1,7 @@
 """The package is the same wherever Python starts, and its imports go one way."""
 
 import ast
+import importlib
 import os
 import subprocess
 import sys
@@ -147,6 +148,15 @@ def test_package_list_is_the_tree() -> None:
     # A folder of modules without __init__.py would be left out of the wheel without a word.
     with_modules = {path.parent for _, path in python_files()}
     assert all((folder / "__init__.py").is_file() for folder in with_modules)
+
+
+@pytest.mark.parametrize("package", [name for name, path in MODULES.items() if name and path.name == "__init__.py"])
+def test_a_package_lists_its_public_modules(package: str) -> None:
+    folder = MODULES[package].parent
+    modules = [path.stem for path in folder.glob("*.py")] + [path.parent.name for path in folder.glob("*/__init__.py")]
+    assert importlib.import_module(f"avssl_pyro.{package}").__all__ == sorted(
+        name for name in modules if not name.startswith("_")
+    )
 
 
 def python(code: str, folder: Path, **environment: str) -> str:

@@ -1,1 +1,16 @@
 """Arrays, direction grid, steering vectors, STFT and spatial covariance."""
+
+__all__ = [
+    "array",
+    "compatibility",
+    "covariance",
+    "grid",
+    "measured",
+    "presets",
+    "sofa",
+    "spherical",
+    "steering",
+    "steering_kinds",
+    "stft",
+    "stft_config",
+]

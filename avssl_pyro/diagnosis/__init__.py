@@ -1,1 +1,15 @@
 """Faults of a recording, its array and its camera."""
+
+__all__ = [
+    "array_fit",
+    "array_match",
+    "camera",
+    "channels",
+    "examination",
+    "finding",
+    "geometry",
+    "orientation",
+    "pair_delays",
+    "repairs",
+    "synchronization",
+]

@@ -1,1 +1,7 @@
 """Localization of clips: posteriors, sources and results."""
+
+__all__ = [
+    "localizer",
+    "posterior",
+    "results",
+]

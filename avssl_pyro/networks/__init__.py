@@ -1,1 +1,7 @@
 """Plain neural networks: tensors in, distribution parameters out."""
+
+__all__ = [
+    "audio",
+    "augmentation",
+    "visual",
+]

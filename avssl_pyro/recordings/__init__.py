@@ -1,1 +1,12 @@
 """Long recordings: audio and video of one place, and the clips cut from them."""
+
+__all__ = [
+    "candidates",
+    "discovery",
+    "excerpts",
+    "labeled_recordings",
+    "preparation",
+    "recording",
+    "split",
+    "starss23",
+]

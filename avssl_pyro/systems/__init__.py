@@ -1,1 +1,8 @@
 """An array, a model, a guide and weights that belong together."""
+
+__all__ = [
+    "checkpoint",
+    "config",
+    "pretrained",
+    "system",
+]

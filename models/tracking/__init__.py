@@ -1,1 +1,7 @@
 """The hidden Markov model of one moving source."""
+
+__all__ = [
+    "detection",
+    "hmm",
+    "motion",
+]
