@@ -21,10 +21,15 @@ class Requirement:
     right: str
 
     def __call__(self, instance: object, attribute: Any, value: Any) -> None:
-        self.check(type(instance).__name__, attribute.name, value)
+        self.check_value(type(instance).__name__, attribute.name, value)
 
-    def check(self, owner: str, name: str, value: Any) -> None:
-        """Raises InputError unless ``value``, called ``name`` in ``owner``, fulfils the requirement."""
+    def check(self, instance: object, *names: str) -> None:
+        """Raises InputError unless the named attributes fulfil it; for classes that have to be dataclasses."""
+        for name in names:
+            self.check_value(type(instance).__name__, name, getattr(instance, name))
+
+    def check_value(self, owner: str, name: str, value: Any) -> None:
+        """Raises InputError unless ``value``, called ``name`` in ``owner``, fulfils it."""
         if not self.fulfilled(value):
             raise InputError(f"{owner}: {name} is {value}; it must be {self.right}.")
 

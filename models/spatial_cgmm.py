@@ -66,9 +66,9 @@ class SpatialCGMM(PyroModule):
         likelihood: Likelihood = ProfiledGaussian(),  # noqa: B008
     ) -> None:
         super().__init__()
-        at_least(1).check("SpatialCGMM", "num_sources", num_sources)
-        at_least(LEAST_DIFFUSE[steering_fdm.dtype]).check("SpatialCGMM", "diffuse", diffuse)
-        positive.check("SpatialCGMM", "bin_weight", bin_weight)
+        at_least(1).check_value("SpatialCGMM", "num_sources", num_sources)
+        at_least(LEAST_DIFFUSE[steering_fdm.dtype]).check_value("SpatialCGMM", "diffuse", diffuse)
+        positive.check_value("SpatialCGMM", "bin_weight", bin_weight)
         self.num_sources = num_sources
         self.level_prior = level_prior
         self.direction_prior = direction_prior

@@ -8,6 +8,7 @@ from typing import Any
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.errors import InputError
+from avssl_pyro.validators import at_least
 
 FORMAT = "avssl-scenes/1"
 MANIFEST_NAME = "manifest.json"
@@ -44,9 +45,7 @@ class DatasetSpec:
     scenes_per_shard: int
 
     def __post_init__(self) -> None:
-        for name in ("num_scenes", "scenes_per_shard"):
-            if getattr(self, name) < 1:
-                raise InputError(f"{name} is {getattr(self, name)}; give a number of at least 1.")
+        at_least(1).check(self, "num_scenes", "scenes_per_shard")
 
     @property
     def num_shards(self) -> int:

@@ -12,6 +12,7 @@ from torch.utils.data import DataLoader, Dataset
 from avssl_pyro.batch import ClipBatch, collate_clips
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
+from avssl_pyro.validators import at_least
 
 
 @dataclass(frozen=True)
@@ -54,9 +55,8 @@ class WindowShuffleSampler:
     shuffle: bool = True
 
     def __post_init__(self) -> None:
-        for name, least in (("batch_size", 1), ("epoch", 0), ("window_shards", 1), ("num_replicas", 1), ("seed", 0)):
-            if getattr(self, name) < least:
-                raise InputError(f"{name} is {getattr(self, name)}; it must be at least {least}.")
+        at_least(1).check(self, "batch_size", "window_shards", "num_replicas")
+        at_least(0).check(self, "epoch", "seed")
         if not 0 <= self.rank < self.num_replicas:
             raise InputError(
                 f"rank {self.rank} does not exist among {self.num_replicas} replicas, which are counted from 0."

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.errors import InputError
+from avssl_pyro.validators import within
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,8 @@ class SourceThresholds:
     merge_deg: float = 12.0
 
     def __post_init__(self) -> None:
-        for name in ("level", "peak"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise InputError(f"SourceThresholds: {name} is {getattr(self, name)}; it must be from 0 to 1.")
-        if not 0 <= self.merge_deg <= 180:
-            raise InputError(f"SourceThresholds: merge_deg is {self.merge_deg}; it must be from 0 to 180.")
+        within(0, 1).check(self, "level", "peak")
+        within(0, 180).check(self, "merge_deg")
 
 
 # Tuned on scenes in which some people are silent. One forward pass separates silent from sounding classes less well.

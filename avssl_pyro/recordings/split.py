@@ -1,6 +1,5 @@
 """Keeping clips aside for validation, so that none of them overlaps one that is trained on."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -10,6 +9,7 @@ import numpy as np
 from avssl_pyro.errors import InputError
 from avssl_pyro.recordings.candidates import ClipCandidate
 from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.validators import between
 
 Parts = dict[str, tuple[ClipCandidate, ...]]
 
@@ -36,7 +36,7 @@ class ByRecording:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _check_share(self.share)
+        between(0, 1).check(self, "share")
 
     def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts:  # noqa: ARG002
         """Raises InputError when fewer than two recordings hold clips."""
@@ -60,7 +60,7 @@ class ByTime:
     share: float = 0.1
 
     def __post_init__(self) -> None:
-        _check_share(self.share)
+        between(0, 1).check(self, "share")
 
     def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts:
         """Raises InputError when one part comes out empty."""
@@ -77,8 +77,3 @@ class ByTime:
                     f"no clip is left for the part '{name}'; take more clips or another share than {self.share:g}."
                 )
         return parts
-
-
-def _check_share(share: float) -> None:
-    if not (math.isfinite(share) and 0.0 < share < 1.0):
-        raise InputError(f"the share kept aside for validation is {share:g}; it must be between 0 and 1.")

@@ -16,6 +16,7 @@ from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 from avssl_pyro.separation.beamforming import Extraction, WienerFilter
 from avssl_pyro.separation.masks import fitted_masks, masks_of_sources, posterior_masks
 from avssl_pyro.systems.system import SystemConfig
+from avssl_pyro.validators import at_least, within
 
 
 @dataclass(frozen=True)
@@ -42,12 +43,8 @@ class SeparationConfig:
     reference: int = 0
 
     def __post_init__(self) -> None:
-        if self.rounds < 0 or self.reference < 0:
-            raise InputError(
-                f"SeparationConfig: rounds is {self.rounds} and reference {self.reference}; neither can be negative."
-            )
-        if not 0 <= self.reverberation <= 1:
-            raise InputError(f"SeparationConfig: reverberation is {self.reverberation}; it is a share, so give 0 to 1.")
+        at_least(0).check(self, "rounds", "reference")
+        within(0, 1).check(self, "reverberation")
         if not 0 < 2 * self.hop <= self.window:
             raise InputError(
                 f"SeparationConfig: a hop of {self.hop} samples does not go with a window of {self.window}; give at "

@@ -8,7 +8,6 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.errors import InputError
 from avssl_pyro.io.dcase import DcaseRow
 from avssl_pyro.simulation.compositing import (
     PanoramaView,
@@ -28,6 +27,7 @@ from avssl_pyro.simulation.speech import SpeechSource
 from avssl_pyro.simulation.synthetic_people import ProceduralPerson
 from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.validators import at_least
 
 # Cut-outs have fewer rows than bodies in pictures of this width; finer rendering would not show.
 SHARP_COLUMNS = 1152
@@ -127,8 +127,7 @@ class RecordingSimulator:
     panoramas: PanoramaSource = field(default_factory=ProceduralRoom)
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise InputError(f"the seed is {self.seed}; it must be 0 or more.")
+        at_least(0).check(self, "seed")
         check_room_simulation(self.array)
 
     def draw(self, index: int) -> "SimulatedRecording":

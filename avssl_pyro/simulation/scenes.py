@@ -20,6 +20,7 @@ from avssl_pyro.simulation.speech import SpeechSource
 from avssl_pyro.simulation.synthetic_people import ProceduralPerson
 from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
 from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.validators import at_least
 
 # Speech begins this long before the clip, so that the clip starts with reverberation.
 LEAD_SAMPLES = SAMPLE_RATE // 5
@@ -84,8 +85,7 @@ class SceneSimulator:
     array: MicrophoneArray = PRESETS["circle246"]
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise InputError(f"the seed is {self.seed}; it must be 0 or more.")
+        at_least(0).check(self, "seed")
         check_room_simulation(self.array)
 
     def render(self, index: int) -> SimulatedScene:

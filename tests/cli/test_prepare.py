@@ -51,7 +51,7 @@ def test_museum_training_runs_on_clips_of_a_folder(tmp_path: Path, capsys: pytes
 
 
 def test_museum_without_clips_is_refused() -> None:
-    with pytest.raises(InputError, match=r"preset museum.*wants --data"):
+    with pytest.raises(InputError, match=r"preset museum.*needs --data"):
         train(["--preset", "museum"])
 
 
