@@ -127,7 +127,7 @@ def test_a_merged_source_has_the_sound_of_both_its_classes() -> None:
     ("settings", "says"),
     [
         ({"rounds": -1}, "rounds is -1"),
-        ({"reference": -1}, "reference -1"),
+        ({"reference": -1}, "reference is -1"),
         ({"reverberation": 1.5}, "reverberation is 1.5"),
         ({"hop": 600}, "a hop of 600 samples does not go with a window of 1024"),
         ({"hop": 0}, "a hop of 0 samples"),
