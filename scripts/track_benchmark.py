@@ -1,6 +1,6 @@
 """Prints what tracking adds to single windows; see --help."""
 
-from avssl_pyro.cli.benchmark_recordings import tracking
+from avssl_pyro.cli.benchmark_tracking import tracking
 from avssl_pyro.cli.command import run
 
 if __name__ == "__main__":

@@ -64,7 +64,7 @@ BENCHMARKS = {
     "recordings": Command(
         "benchmark_recordings", "RecordingsOptions", "labelled recordings without pictures", "recordings"
     ),
-    "tracking": Command("benchmark_recordings", "TrackingOptions", "tracks and single windows", "tracking"),
+    "tracking": Command("benchmark_tracking", "TrackingOptions", "tracks and single windows", "tracking"),
     "separation": Command("benchmark_recordings", "SeparationOptions", "SI-SDR of separated sources", "separation"),
     "camera": Command("benchmark_recordings", "CameraOptions", "yaw and mirror of simulated cameras", "camera"),
 }

@@ -1,27 +1,20 @@
-"""Benchmarks on recordings and sound: ``avssl benchmark {recordings, tracking, separation, camera}``."""
+"""Benchmarks on recordings and sound: ``avssl benchmark {recordings, separation, camera}``."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import tyro
 from attrs import evolve
 
-from avssl_pyro.benchmarks.detections import DetectorConfig
 from avssl_pyro.cli.options import AssetOptions, choose_system, parse_options
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.posterior import SourceThresholds
-from avssl_pyro.simulation.motion import MovingPeopleConfig, MovingTalkersConfig
-from avssl_pyro.simulation.moving_source import MovingAudioConfig
-from avssl_pyro.systems.config import ModelConfig
-from avssl_pyro.tracking.tracker import TrackingConfig
 from avssl_pyro.training.config import PRESETS
 
 if TYPE_CHECKING:
-    from avssl_pyro.benchmarks.tracking import RenderedRecordings, SimulatedRecordings
     from avssl_pyro.evaluation.metrics import Azimuths
     from avssl_pyro.recordings.labeled_recordings import LabeledRecording
 
@@ -70,6 +63,8 @@ def recordings(args: Sequence[str] | None = None) -> None:
     Raises:
         InputError: the folder, its list or a recording cannot be used.
     """
+    import numpy as np
+
     options = parse_options(RecordingsOptions, args)
     if min(options.num_classes, options.rounds) < 1:
         raise InputError(
@@ -118,72 +113,10 @@ def _print_each(labelled: "Sequence[LabeledRecording]", estimated: "dict[str, li
 
 def _degrees(azimuths: Iterable[float]) -> str:
     """Whole degrees from 0 to 359 in rising order."""
+    import numpy as np
+
     rounded = sorted(round(float(np.rad2deg(azimuth))) % 360 for azimuth in azimuths)
     return " ".join(str(degrees) for degrees in rounded) or "nobody"
-
-
-@dataclass(frozen=True)
-class TrackingOptions:
-    """Compare tracked sources with single windows on the same simulated detections."""
-
-    num_recordings: int = 10
-    """Number of recordings."""
-    talkers: MovingTalkersConfig = field(default_factory=MovingTalkersConfig)
-    detector: DetectorConfig = field(default_factory=DetectorConfig)
-    tracking: TrackingConfig = field(default_factory=TrackingConfig)
-    rendered: bool = False
-    """Render the talkers in a room and localize their sound window by window, instead of drawing detections."""
-    array: str = "circle6"
-    """Array of rendered recordings: a preset or a YAML file."""
-    num_classes: int = 5
-    """Source classes of the model for rendered recordings, one of them for noise."""
-    rounds: int = 90
-    """Largest number of rounds of refinement; many are needed without a picture."""
-    audio: MovingAudioConfig = field(default_factory=MovingAudioConfig)
-    tolerance_deg: float = 10.0
-    """Largest error that counts as correct."""
-    lag: int = 3
-    """Windows that live tracking waits for."""
-    seed: int = 0
-    """Seed of the recordings."""
-
-
-def tracking(args: Sequence[str] | None = None) -> None:
-    """Runs ``avssl benchmark tracking``.
-
-    Raises:
-        InputError: there is nothing to track.
-    """
-    options = parse_options(TrackingOptions, args)
-    if options.num_recordings < 1 or options.talkers.seconds < 2 * options.talkers.step_s:
-        raise InputError(
-            f"--num-recordings {options.num_recordings} of {options.talkers.seconds} s: give at least one, of two "
-            "windows."
-        )
-    from tqdm import tqdm
-
-    from avssl_pyro.benchmarks.tracking import compare_links, tracking_table
-
-    source = _recording_source(options)
-    drawn = [source.draw(index) for index in tqdm(range(source.count), desc="recordings")]
-    scores = compare_links(drawn, options.tracking, float(np.deg2rad(options.tolerance_deg)), options.lag)
-    title = f"{source.count} recordings of {options.talkers.seconds:g} s, tolerance {options.tolerance_deg:g}°"
-    tracking_table(scores, title).print()
-
-
-def _recording_source(options: TrackingOptions) -> "SimulatedRecordings | RenderedRecordings":
-    from avssl_pyro.acoustics.presets import resolve_array
-    from avssl_pyro.benchmarks.tracking import RenderedRecordings, SimulatedRecordings
-    from avssl_pyro.localization.localizer import Localizer
-    from avssl_pyro.systems.system import SystemConfig, build_system
-
-    if not options.rendered:
-        return SimulatedRecordings(options.talkers, options.detector, options.num_recordings, options.seed)
-    system = build_system(SystemConfig(resolve_array(options.array), ModelConfig(num_sources=options.num_classes)))
-    localizer = Localizer(system, refinement=RefinementConfig(rounds=options.rounds), audio_only=True)
-    return RenderedRecordings(
-        localizer, talkers=options.talkers, audio=options.audio, count=options.num_recordings, seed=options.seed
-    )
 
 
 @dataclass(frozen=True)
@@ -240,7 +173,7 @@ class CameraOptions:
     checkpoint: Path | None = None
     """Checkpoint of a training for this array; by default the pretrained weights."""
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
-    standing_share: float = MovingPeopleConfig.standing_share
+    standing_share: float = 0.4
     """Expected share of people who never walk. Two talkers who stand for the whole recording look the same in a picture
     that is mirrored and turned so that they change places: no search can decide."""
     width: int = 576
@@ -257,6 +190,8 @@ def camera(args: Sequence[str] | None = None) -> None:
     Raises:
         InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
+    from avssl_pyro.simulation.motion import MovingPeopleConfig
+
     options = parse_options(CameraOptions, args)
     if not 0 <= options.standing_share <= 1:
         raise InputError(f"--standing-share is {options.standing_share:g}; give a share from 0 to 1.")

@@ -1,22 +1,20 @@
 """The whole method on two cores: scenes, training without labels, evaluation, pictures."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from avssl_pyro.benchmarks.gallery import draw_scene
 from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
 from avssl_pyro.cli.options import parse_options
-from avssl_pyro.datasets.builtin import TEST, default_dataset
-from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.io.images import save_png
-from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.training.config import PRESETS, OptimizationConfig
-from avssl_pyro.training.run import run_training
-from avssl_pyro.training.svi import CHECKPOINT_NAME
-from avssl_pyro.viz.plots import save_run_curves
+
+if TYPE_CHECKING:
+    from avssl_pyro.datasets.dataset import SceneDataset
+    from avssl_pyro.localization.localizer import Localizer
 
 
 @dataclass(frozen=True)
@@ -40,6 +38,13 @@ class DemoOptions:
 
 def main(args: Sequence[str] | None = None) -> None:
     """Runs the command with ``args`` (by default those of the process)."""
+    from avssl_pyro.datasets.builtin import TEST, default_dataset
+    from avssl_pyro.localization.localizer import Localizer
+    from avssl_pyro.systems.checkpoint import load_checkpoint
+    from avssl_pyro.training.run import run_training
+    from avssl_pyro.training.svi import CHECKPOINT_NAME
+    from avssl_pyro.viz.plots import save_run_curves
+
     options = parse_options(DemoOptions, args)
     checkpoint = options.out / CHECKPOINT_NAME
     run_training(
@@ -69,5 +74,8 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def draw_overlays(localizer: Localizer, dataset: SceneDataset, number: int, folder: Path) -> None:
     """Draws the first ``number`` scenes of a data set with their true azimuths as ``overlay-*.png``."""
+    from avssl_pyro.benchmarks.gallery import draw_scene
+    from avssl_pyro.io.images import save_png
+
     for index in range(min(number, len(dataset))):
         save_png(folder / f"overlay-{index}.png", draw_scene(localizer, dataset, index))

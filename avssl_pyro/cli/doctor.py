@@ -1,36 +1,28 @@
 """Checks a recording against its array and its camera before anything is trained on it."""
 
+from __future__ import annotations
+
 import json
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import cv2
-import numpy as np
-import numpy.typing as npt
 import tyro
-from tqdm import tqdm
 
-from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.compatibility import check_trained_array
-from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.options import AlignmentOptions, parse_options
 from avssl_pyro.clip import SAMPLE_RATE, Clip
-from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.diagnosis.camera import AS_IT_IS, check_camera
-from avssl_pyro.diagnosis.examination import examine
-from avssl_pyro.diagnosis.finding import Finding, Severity
-from avssl_pyro.diagnosis.orientation import Turn
-from avssl_pyro.diagnosis.synchronization import check_durations, check_lag, picture_change, sound_energy
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.images import read_image
-from avssl_pyro.recordings.excerpts import MOST_EXCERPTS, Excerpts, evenly, read_excerpts
-from avssl_pyro.recordings.recording import Recording, VideoFile
-from avssl_pyro.systems.checkpoint import load_checkpoint
-from avssl_pyro.systems.pretrained import load_pretrained
-from avssl_pyro.systems.system import System
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from avssl_pyro.acoustics.array import MicrophoneArray
+    from avssl_pyro.diagnosis.finding import Finding
+    from avssl_pyro.recordings.recording import Recording, VideoFile
+    from avssl_pyro.systems.system import System
 
 EXIT_FINDINGS = 1
 FORMAT = "avssl-diagnosis/1"
@@ -72,6 +64,9 @@ def main(args: Sequence[str] | None = None) -> int:
     Raises:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
+    from avssl_pyro.diagnosis.finding import Severity
+    from avssl_pyro.systems.checkpoint import load_checkpoint
+
     options = parse_options(DoctorOptions, args)
     system = None if options.checkpoint is None else load_checkpoint(options.checkpoint)
     if options.data is not None:
@@ -87,6 +82,11 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _examine_shards(folder: Path, options: DoctorOptions, system: System | None) -> tuple[Finding, ...]:
+    from avssl_pyro.acoustics.presets import resolve_array
+    from avssl_pyro.datasets.dataset import SceneDataset
+    from avssl_pyro.diagnosis.examination import examine
+    from avssl_pyro.recordings.excerpts import MOST_EXCERPTS, Excerpts, evenly
+
     wanted = None if options.array is None else resolve_array(options.array)
     dataset = SceneDataset(folder, wanted)
     clips = [dataset[index] for index in evenly(len(dataset), MOST_EXCERPTS)]
@@ -95,6 +95,12 @@ def _examine_shards(folder: Path, options: DoctorOptions, system: System | None)
 
 
 def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -> tuple[Finding, ...]:
+    from avssl_pyro.diagnosis.examination import examine
+    from avssl_pyro.diagnosis.synchronization import check_durations
+    from avssl_pyro.io.images import read_image
+    from avssl_pyro.recordings.excerpts import read_excerpts
+    from avssl_pyro.recordings.recording import Recording
+
     if options.video is not None and options.image is not None:
         raise InputError("give either --video or --image, not both.")
     looks = system is not None or options.camera
@@ -115,6 +121,8 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
 
 
 def _array(options: DoctorOptions, system: System | None) -> MicrophoneArray:
+    from avssl_pyro.acoustics.presets import resolve_array
+
     if options.array is not None:
         return resolve_array(options.array)
     if system is None:
@@ -125,6 +133,11 @@ def _array(options: DoctorOptions, system: System | None) -> MicrophoneArray:
 def _camera(
     options: DoctorOptions, system: System | None, array: MicrophoneArray, clips: Sequence[Clip]
 ) -> tuple[Finding, ...]:
+    from avssl_pyro.acoustics.compatibility import check_trained_array
+    from avssl_pyro.diagnosis.camera import AS_IT_IS, check_camera
+    from avssl_pyro.diagnosis.orientation import Turn
+    from avssl_pyro.systems.pretrained import load_pretrained
+
     if system is not None:
         check_trained_array(system.config.array, array, str(options.checkpoint))
     elif options.camera:
@@ -139,6 +152,12 @@ def _camera(
 
 def _lag(recording: Recording, video: VideoFile) -> tuple[Finding, ...]:
     """Compares onsets over the first minute that audio and video have in common."""
+    import cv2
+    import numpy as np
+    from tqdm import tqdm
+
+    from avssl_pyro.diagnosis.synchronization import check_lag, picture_change, sound_energy
+
     start_s, seconds = recording.start_s, min(LAG_SECONDS, recording.duration_s)
     times_s: list[float] = []
     images: list[npt.NDArray[np.uint8]] = []
@@ -159,6 +178,8 @@ def _lag(recording: Recording, video: VideoFile) -> tuple[Finding, ...]:
 
 
 def _clips(recording: Recording, still_ijc: npt.NDArray[np.uint8] | None) -> list[Clip]:
+    from avssl_pyro.recordings.excerpts import MOST_EXCERPTS, evenly
+
     starts_s = recording.window_starts(hop_s=1.0)
     clips = []
     for start_s in (starts_s[index] for index in evenly(len(starts_s), MOST_EXCERPTS)):

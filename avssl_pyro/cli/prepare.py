@@ -1,29 +1,25 @@
 """Cuts recordings into clips to train on."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.options import AlignmentOptions, parse_options
-from avssl_pyro.datasets.generation import SCENES_PER_SHARD
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.dcase import DcaseRow
-from avssl_pyro.recordings.discovery import (
-    RecordingFiles,
-    read_recording_list,
-    recordings_in_folder,
-    unique_names,
-)
-from avssl_pyro.recordings.preparation import CuttingConfig, Prepared, prepare
-from avssl_pyro.recordings.recording import Recording
-from avssl_pyro.recordings.split import ByRecording, ByTime, NoSplit, Splitter
-from avssl_pyro.recordings.starss23 import list_starss
+
+if TYPE_CHECKING:
+    from avssl_pyro.acoustics.array import MicrophoneArray
+    from avssl_pyro.recordings.discovery import RecordingFiles
+    from avssl_pyro.recordings.preparation import Prepared
+    from avssl_pyro.recordings.recording import Recording
+    from avssl_pyro.recordings.split import Splitter
 
 
 @dataclass(frozen=True)
@@ -65,7 +61,7 @@ class PrepareOptions:
     """How much is kept aside."""
     seed: int = 0
     """Which recordings are kept aside."""
-    shard_size: int = SCENES_PER_SHARD
+    shard_size: int = 100
     """Clips per tar file."""
     workers: int = 1
     """Processes that cut clips; each decodes video with several threads already."""
@@ -82,6 +78,9 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def prepare_with(options: PrepareOptions) -> Prepared:
     """Prepares as the options say, and prints what was left out and what was made."""
+    from avssl_pyro.recordings.discovery import unique_names
+    from avssl_pyro.recordings.preparation import CuttingConfig, prepare
+
     if options.workers < 1 or options.seed < 0 or options.top < 0:
         raise InputError("--workers must be at least 1, --seed and --top at least 0.")
     array = _array(options)
@@ -108,6 +107,8 @@ def prepare_with(options: PrepareOptions) -> Prepared:
 
 
 def _array(options: PrepareOptions) -> MicrophoneArray:
+    from avssl_pyro.acoustics.presets import resolve_array
+
     if options.array is not None:
         return resolve_array(options.array)
     if options.starss is None:
@@ -116,6 +117,8 @@ def _array(options: PrepareOptions) -> MicrophoneArray:
 
 
 def _splitter(options: PrepareOptions) -> Splitter:
+    from avssl_pyro.recordings.split import ByRecording, ByTime, NoSplit
+
     match options.validation:
         case "recording":
             return ByRecording(options.validation_share, options.seed)
@@ -126,6 +129,8 @@ def _splitter(options: PrepareOptions) -> Splitter:
 
 
 def _recordings(options: PrepareOptions, array: MicrophoneArray) -> list[Recording]:
+    from avssl_pyro.recordings.discovery import RecordingFiles, read_recording_list, recordings_in_folder
+
     alignment = options.alignment.of(array)
     sources = (options.folder, options.manifest, options.video or options.audio)
     if sum(source is not None for source in sources) != 1:
@@ -145,6 +150,8 @@ def _recordings(options: PrepareOptions, array: MicrophoneArray) -> list[Recordi
 
 
 def _starss(options: PrepareOptions) -> tuple[list[Recording], tuple[tuple[DcaseRow, ...] | None, ...]]:
+    from avssl_pyro.recordings.starss23 import list_starss
+
     assert options.starss is not None
     if any(source is not None for source in (options.folder, options.manifest, options.video, options.audio)):
         raise InputError("give one of --video with --audio, --folder, --manifest or --starss.")

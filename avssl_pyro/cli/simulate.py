@@ -1,28 +1,23 @@
 """Makes scenes, or checks the ones that were made."""
 
+from __future__ import annotations
+
 import contextlib
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import joblib
 import tyro
 
-from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.cli.options import AssetOptions, parse_options
 from avssl_pyro.clip import Clip, SceneLabels
-from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.datasets.encoding import LabeledScene
-from avssl_pyro.datasets.generation import SCENES_PER_SHARD, generate
-from avssl_pyro.datasets.scene_plan import plan_scenes
-from avssl_pyro.datasets.shards import verify_dataset
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.images import write_png
-from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
-from avssl_pyro.simulation.scenes import SceneSimulator
-from avssl_pyro.viz.contact_sheet import contact_sheet
+
+if TYPE_CHECKING:
+    from avssl_pyro.datasets.encoding import LabeledScene
+    from avssl_pyro.simulation.scenes import SceneSimulator
 
 PREVIEW_SCENES = 12
 EXIT_UNSOUND = 1
@@ -46,7 +41,7 @@ class SimulateOptions:
     """Microphones to render: a preset or a YAML file. circle246 can be read as circle2, circle4 or circle6 later."""
     seed: int = 0
     """Same seed, same bytes. Use another one for every set that must not share scenes."""
-    shard_size: int = SCENES_PER_SHARD
+    shard_size: int = 100
     """Scenes per tar file."""
     workers: int | None = None
     """Processes; by default one per core."""
@@ -69,6 +64,8 @@ def main(args: Sequence[str] | None = None) -> int:
     Raises:
         InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
+    from avssl_pyro.io.images import write_png
+
     options = parse(args)
     if options.verify is not None:
         return _verify(options.verify)
@@ -86,6 +83,8 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _verify(folder: Path) -> int:
+    from avssl_pyro.datasets.shards import verify_dataset
+
     problems = verify_dataset(folder, progress=True)
     for problem in problems:
         print(problem)
@@ -95,6 +94,10 @@ def _verify(folder: Path) -> int:
 
 
 def _simulator(options: SimulateOptions) -> SceneSimulator:
+    from avssl_pyro.acoustics.presets import resolve_array
+    from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
+    from avssl_pyro.simulation.scenes import SceneSimulator
+
     if options.seed < 0:
         raise InputError(f"--seed is {options.seed}; give a number of at least 0.")
     if options.workers is not None and options.workers < 1:
@@ -110,6 +113,9 @@ def _simulator(options: SimulateOptions) -> SceneSimulator:
 
 
 def _generate(options: SimulateOptions, out: Path, simulator: SceneSimulator) -> None:
+    from avssl_pyro.datasets.generation import generate
+    from avssl_pyro.datasets.scene_plan import plan_scenes
+
     for source in (simulator.speech, simulator.people, simulator.panoramas):
         print(f"from {source.describe()}")
     plan = plan_scenes(out, simulator, options.scenes, options.shard_size)
@@ -123,6 +129,8 @@ def _generate(options: SimulateOptions, out: Path, simulator: SceneSimulator) ->
 
 @contextlib.contextmanager
 def _backend(options: SimulateOptions) -> Iterator[None]:
+    import joblib
+
     if options.scheduler is None:
         with joblib.parallel_config(n_jobs=options.workers or -1):
             yield
@@ -144,6 +152,9 @@ class _StoredScene:
 
 
 def _preview(options: SimulateOptions, simulator: SceneSimulator) -> bytes:
+    from avssl_pyro.datasets.dataset import SceneDataset
+    from avssl_pyro.viz.contact_sheet import contact_sheet
+
     title = f"{options.condition}, seed {options.seed}, array {simulator.array.name}; solid: talks, dashed: silent"
     scenes: list[LabeledScene]
     if options.out is None:

@@ -1,29 +1,27 @@
 """Simulates whole 360-degree recordings in the format of STARSS23, to try everything without owning a robot."""
 
+from __future__ import annotations
+
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
-import numpy.typing as npt
-import soundfile
 import tyro
-from scipy.signal import resample_poly
-from tqdm import tqdm
 
-from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.presets import resolve_array
-from avssl_pyro.acoustics.steering_kinds import AmbisonicsKind
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.options import AssetOptions, parse_options
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.dcase import write_dcase
-from avssl_pyro.io.video_writer import open_video
-from avssl_pyro.simulation.motion import MovingPeopleConfig
-from avssl_pyro.simulation.recordings import Camera, RecordingSimulator, SimulatedRecording
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from avssl_pyro.acoustics.array import MicrophoneArray
+    from avssl_pyro.simulation.recordings import RecordingSimulator, SimulatedRecording
 
 FRAME_RATE = 30_000 / 1001
 # STARSS23's own folds of these splits.
@@ -88,6 +86,8 @@ def main(args: Sequence[str] | None = None) -> None:
 
 
 def _check(options: SimulateRecordingsOptions) -> None:
+    import numpy as np
+
     if options.recordings < 1 or options.recordings > 999:
         raise InputError(f"--recordings is {options.recordings}; give a number from 1 to 999.")
     if not 1.0 <= options.seconds <= 3600.0:
@@ -105,6 +105,12 @@ def _check(options: SimulateRecordingsOptions) -> None:
 
 
 def _simulator(options: SimulateRecordingsOptions) -> RecordingSimulator:
+    import numpy as np
+
+    from avssl_pyro.acoustics.presets import resolve_array
+    from avssl_pyro.simulation.motion import MovingPeopleConfig
+    from avssl_pyro.simulation.recordings import Camera
+
     camera = Camera(options.width, float(np.deg2rad(options.yaw)), options.mirror)
     array = resolve_array(options.array)
     return options.material.recording_simulator(MovingPeopleConfig(), options.seconds, options.seed, array, camera)
@@ -112,6 +118,8 @@ def _simulator(options: SimulateRecordingsOptions) -> RecordingSimulator:
 
 def _paths(options: SimulateRecordingsOptions, array: MicrophoneArray, name: str) -> tuple[Path, Path, Path]:
     """Of audio, labels and video, as STARSS23 has them."""
+    from avssl_pyro.acoustics.steering_kinds import AmbisonicsKind
+
     audio_format = "foa" if isinstance(array.steering, AmbisonicsKind) else "mic"
     split = f"{options.split}-{SOURCE}"
     paths = (
@@ -126,6 +134,10 @@ def _paths(options: SimulateRecordingsOptions, array: MicrophoneArray, name: str
 
 def _write_audio(path: Path, recording: SimulatedRecording, rate: int) -> None:
     """16 bit, on the channels that the array's file says, others silent."""
+    import numpy as np
+    import soundfile
+    from scipy.signal import resample_poly
+
     array = recording.simulator.array
     audio_mn: npt.NDArray[np.float32] = recording.render_audio()
     if rate != SAMPLE_RATE:
@@ -139,6 +151,10 @@ def _write_audio(path: Path, recording: SimulatedRecording, rate: int) -> None:
 
 
 def _write_video(path: Path, recording: SimulatedRecording, options: SimulateRecordingsOptions) -> None:
+    from tqdm import tqdm
+
+    from avssl_pyro.io.video_writer import open_video
+
     film, rate = recording.render_video(), options.frame_rate
     seconds = recording.voices.sounding_st.shape[1] / 10
     with open_video(path, options.width, options.width // 2, rate) as writer:

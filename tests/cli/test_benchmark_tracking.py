@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from avssl_pyro.cli.benchmark_recordings import tracking
+from avssl_pyro.cli.benchmark_tracking import tracking
 from avssl_pyro.errors import InputError
 
 
