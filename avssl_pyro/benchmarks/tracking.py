@@ -151,7 +151,7 @@ def tracked(windows: Windows, config: TrackingConfig) -> Identified:
 def tracked_live(windows: Windows, config: TrackingConfig, lag: int) -> Identified:
     """Identities of tracks, given ``lag`` later windows."""
     tracker = OnlineTracker(config, step_s=windows[1].time_s - windows[0].time_s, lag=lag)
-    answers = [tracker.push(window) for window in windows]
+    answers = [tracker.update(window) for window in windows]
     return [_identities(found) for found in [*answers, *tracker.finish()] if found is not None]
 
 

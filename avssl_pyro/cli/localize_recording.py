@@ -95,16 +95,16 @@ def localize_recording(
         timeline = library.localize_recording(
             recording, localizer, rate_hz=rate, tracking=options.tracking, interrupt=stop, progress=True
         )
-        reached_s = timeline.moments[-1].time_s + library.WINDOW_S / 2 if timeline.moments else recording.start_s
+        reached_s = timeline.frames[-1].time_s + library.WINDOW_S / 2 if timeline.frames else recording.start_s
         _write(timeline, options, out, reached_s if stop.requested else recording.end_s)
         if stop.requested:
-            kept = f"{out} holds the {len(timeline.moments)} results up to there, and " if out is not None else ""
+            kept = f"{out} holds the {len(timeline.frames)} results up to there, and " if out is not None else ""
             print(
                 f"interrupted at {reached_s:.1f} s of {recording.end_s:.1f} s; {kept}the same command begins anew.",
                 file=sys.stderr,
             )
             return EXIT_INTERRUPTED
-        unseen = len(recording.window_starts(1 / rate, library.WINDOW_S)) - len(timeline.moments)
+        unseen = len(recording.window_starts(1 / rate, library.WINDOW_S)) - len(timeline.frames)
         if unseen:
             print(
                 f"warning: {options.video}: {unseen} windows have no picture, where the video has a gap or ends; they "
@@ -166,9 +166,7 @@ def _draw(
 
 def _summary(timeline: "Timeline", duration_s: float, tracking: bool) -> str:
     """One sentence on what was found."""
-    sounding = sum(bool(moment.sources) for moment in timeline.moments)
-    share = 100 * sounding / max(1, len(timeline.moments))
+    sounding = sum(bool(moment.sources) for moment in timeline.frames)
+    share = 100 * sounding / max(1, len(timeline.frames))
     what = f"{len(timeline.names)} source(s)" if tracking else f"sources of {len(timeline.names)} class(es)"
-    return (
-        f"{len(timeline.moments)} results over {duration_s:.1f} s: {what}; something sounds in {share:.0f} % of them."
-    )
+    return f"{len(timeline.frames)} results over {duration_s:.1f} s: {what}; something sounds in {share:.0f} % of them."

@@ -1,4 +1,4 @@
-"""Forward-backward for one source's track: what :mod:`avssl_pyro.models.tracking.hmm` enumerates, as array products."""
+"""Forward-backward for one track: the HMM of :mod:`avssl_pyro.models.tracking.hmm` as array products."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ class TrackState:
     """A distribution over the states of a track, or a message between them.
 
     Args:
-        present_had: of a source with motion h, silent or sounding a, in direction d, (3, 2, D).
-        absent: of no source.
+        present_had: weights of a source with motion h, silent or sounding a, in direction d, (3, 2, D).
+        absent: weight of no source.
     """
 
     present_had: Array
@@ -27,17 +27,17 @@ class TrackState:
 
     @property
     def presence(self) -> float:
-        """Probability that the source is there."""
+        """Probability that the source exists."""
         return float(self.present_had.sum())
 
     @property
     def sounding_d(self) -> Array:
-        """Probability that it sounds, in every direction, (D,)."""
+        """Probability that the source sounds in each direction, (D,)."""
         sounding_d: Array = self.present_had[:, SOUNDING].sum(0)
         return sounding_d
 
     def direction(self, grid: DirectionGrid) -> tuple[float, float]:
-        """Mean azimuth of the source, if it is there, and its standard deviation, radians."""
+        """Mean azimuth of the source, if it exists, and its standard deviation in radians."""
         weight_d = self.present_had.sum((0, 1))
         mean = complex(weight_d @ np.exp(1j * grid.azimuths)) / max(float(weight_d.sum()), np.finfo(np.float64).tiny)
         # Of a circular variable, and what the position within a cell adds.
@@ -52,20 +52,20 @@ class TrackState:
         return TrackState(self.present_had * factor, self.absent * factor)
 
     def times(self, other: "TrackState") -> "TrackState":
-        """The product of both, made a distribution."""
+        """Product of both, normalized."""
         product = TrackState(self.present_had * other.present_had, self.absent * other.absent)
         return product.scaled(1 / product.total)
 
 
 def initial(birth: float, num_directions: int) -> TrackState:
-    """Before anything is heard: a source begins with probability ``birth``, by sounding, anywhere."""
+    """State before any detection: a sounding source with probability ``birth``, uniform over directions."""
     present_had = np.zeros((len(MOTION_SIGNS), 2, num_directions))
     present_had[:, SOUNDING] = birth / (len(MOTION_SIGNS) * num_directions)
     return TrackState(present_had, 1 - birth)
 
 
 def predict(belief: TrackState, tables: TrackTables) -> TrackState:
-    """The belief one step later."""
+    """Predicted state one step later."""
     _, _, d = belief.present_had.shape
     active_had = tables.activity_aa.T @ belief.present_had
     turned_had = (tables.motion_hh.T @ active_had.reshape(len(MOTION_SIGNS), -1)).reshape(-1, 2, d)
@@ -76,7 +76,7 @@ def predict(belief: TrackState, tables: TrackTables) -> TrackState:
 
 
 def retrodict(message: TrackState, tables: TrackTables) -> TrackState:
-    """The transpose of :func:`predict`: what a message about the next window says about this one."""
+    """Backward message of this window from that of the next; the transpose of :func:`predict`."""
     _, _, d = message.present_had.shape
     moved_had = message.present_had @ tables.move_hde.transpose(0, 2, 1)
     turned_had = (tables.motion_hh @ moved_had.reshape(len(MOTION_SIGNS), -1)).reshape(-1, 2, d)
@@ -85,7 +85,7 @@ def retrodict(message: TrackState, tables: TrackTables) -> TrackState:
 
 
 def weigh(belief: TrackState, ratio_d: Array) -> TrackState:
-    """Multiplies by the likelihood ratio of a window's detections, (D,)."""
+    """State multiplied by the likelihood ratio of a window's detections, (D,)."""
     present_had = belief.present_had.copy()
     present_had[:, SOUNDING] *= ratio_d
     return TrackState(present_had, belief.absent)
@@ -93,13 +93,13 @@ def weigh(belief: TrackState, ratio_d: Array) -> TrackState:
 
 @dataclass(frozen=True)
 class Step:
-    """A window a track has been through.
+    """One window of the forward pass.
 
     Args:
-        filtered: belief given the windows so far.
-        ratio_d: likelihood ratio of its detections, (D,).
-        tables: probabilities of the step that led here.
-        norm: probability of its detections given the windows before, relative to clutter.
+        filtered: state given the windows so far.
+        ratio_d: likelihood ratio of the detections, (D,).
+        tables: transition probabilities of the step to this window.
+        norm: probability of the detections given the windows before, relative to clutter.
     """
 
     filtered: TrackState
@@ -109,12 +109,12 @@ class Step:
 
 
 def observe(predicted: TrackState, ratio_d: Array, tables: TrackTables) -> Step:
-    """One window of the forward algorithm.
+    """Filters one window (forward algorithm).
 
     Args:
-        predicted: :func:`initial` or :func:`predict`.
+        predicted: result of :func:`initial` or :func:`predict`.
         ratio_d: likelihood ratio of the window's detections, (D,).
-        tables: what ``predicted`` was made with.
+        tables: transition probabilities behind ``predicted``.
     """
     weighed = weigh(predicted, ratio_d)
     return Step(weighed.scaled(1 / weighed.total), ratio_d, tables, weighed.total)
@@ -126,7 +126,7 @@ def log_evidence(steps: Sequence[Step]) -> float:
 
 
 def smooth(steps: Sequence[Step]) -> Iterator[TrackState]:
-    """Beliefs given all windows (the forward-backward algorithm), from the last window to the first."""
+    """States given all windows (forward-backward algorithm), from the last window to the first."""
     belief = steps[-1].filtered
     message = TrackState(np.ones_like(belief.present_had), 1.0)
     yield belief

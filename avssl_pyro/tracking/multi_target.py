@@ -1,4 +1,4 @@
-"""Several sources at once: one chain each, which share the detections of a window by what every chain expects."""
+"""Multi-target filter: one chain per source, with soft assignment of detections to chains."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,15 +20,15 @@ NUM_STEP_LENGTHS = 16
 
 @dataclass(eq=False)
 class Chain:
-    """A source, or what may turn out to be clutter.
+    """A candidate source: its windows so far; it may turn out to be clutter.
 
     Args:
         first: index of its first window.
-        steps: its windows from there on.
-        shares_tnd: per window, the probability that detection n is this source's, if it sounds in direction d, (N, D).
-        born_s: when it began.
-        heard_s: when it was last heard.
-        beside: index of the window since when it is beside an older chain, and when that was.
+        steps: filtered windows from there on.
+        shares_tnd: probabilities per window that detection n belongs to this source, if it is in direction d, (N, D).
+        born_s: time of its first window in seconds.
+        heard_s: time of its last detection in seconds.
+        beside: index and time of the window since which an older chain is close; None if none is.
     """
 
     first: int
@@ -43,12 +43,12 @@ class Chain:
         return self.steps[-1].filtered
 
     def cut(self, before: int) -> None:
-        """Forgets the windows from index ``before`` on."""
+        """Removes the windows from index ``before`` on."""
         kept = max(before - self.first, 0)
         del self.steps[kept:], self.shares_tnd[kept:]
 
     def trim(self, to: int) -> None:
-        """Forgets the windows before index ``to``."""
+        """Removes the windows before index ``to``."""
         gone = min(max(to - self.first, 0), len(self.steps) - 1)
         del self.steps[:gone], self.shares_tnd[:gone]
         self.first += gone
@@ -56,12 +56,12 @@ class Chain:
 
 @dataclass(frozen=True)
 class MultiTargetConfig:
-    """When sources end.
+    """Settings of when sources end.
 
     Args:
-        memory_s: a source that was not heard for so long is forgotten; who speaks there later is somebody new.
-        merge_deg, merge_s: two sources closer than this for longer than that are one, and so is one that begins so
-            close to another. Talkers who pass each other are close for a shorter time.
+        memory_s: longest time in seconds without a detection; a later detection there starts a new source.
+        merge_deg, merge_s: distance in degrees and time in seconds. Two sources that stay closer for longer are one,
+            and so is one that begins so close to another. Talkers who pass each other are close for a shorter time.
     """
 
     memory_s: float = 2.5
@@ -70,13 +70,16 @@ class MultiTargetConfig:
 
 
 class MultiTargetFilter:
-    """The forward pass of all chains, window by window.
+    """Forward pass of all chains, window by window.
 
-    What other chains claim of a detection counts as clutter to a chain; one that is likelier to be clutter than any
-    chain's begins a chain of its own. All chains end up in ``ended``.
+    To a chain, the share of a detection that other chains claim counts as clutter. A detection that is likelier clutter
+    than any chain's starts a new chain. All chains end up in ``ended``.
 
     Args:
-        grid, prior, detection, config: the model.
+        grid: directions of the tracks.
+        prior: prior of motion, pauses, births and deaths.
+        detection: model of detections and clutter.
+        config: settings of when sources end.
     """
 
     def __init__(
@@ -89,12 +92,12 @@ class MultiTargetFilter:
         self._tables_of = lru_cache(maxsize=NUM_STEP_LENGTHS)(lambda step_ms: prior.tables(grid, step_ms / 1000))
 
     def add(self, time_s: float, step_s: float, azimuth_n: Array, std_n: Array) -> None:
-        """The detections of the next window.
+        """Adds the detections of the next window.
 
         Args:
-            time_s: when it is.
-            step_s: how long after the window before.
-            azimuth_n, std_n: azimuths and their standard deviations, (N,), radians.
+            time_s: time of the window in seconds.
+            step_s: time since the window before in seconds.
+            azimuth_n, std_n: azimuths and their standard deviations in radians, (N,).
         """
         tables = self._tables_of(max(round(step_s * 1000), 1))
         density_nd = self.detection.density(self.grid, azimuth_n, std_n)

@@ -1,4 +1,4 @@
-"""Tracks while the recording goes on: every window is answered a few windows later, given what was heard till then."""
+"""Online tracking with a fixed lag: sources of a window, given the windows up to a few later."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from avssl_pyro.tracking.tracker import (
 
 
 @dataclass
-class _Voice:
+class _ReportedSource:
     """A reported source: the id of its track, and its level when it was last detected."""
 
     id: int
@@ -35,26 +35,26 @@ class OnlineTracker:
         InputError: a negative lag or a step that is not positive.
 
     Args:
-        config: as of :func:`track`.
-        step_s: usual time between windows.
-        lag: how many later windows are heard before a window is answered; with 0 no miss is bridged before the source
-            is back.
+        config: settings of the tracker, as of :func:`track`.
+        step_s: usual time between windows in seconds.
+        lag: number of later windows that the sources of a window depend on; with 0 a missed detection is bridged only
+            once the source is found again.
     """
 
     def __init__(self, config: TrackingConfig | None = None, step_s: float = 0.1, lag: int = 3) -> None:
         if lag < 0 or not (np.isfinite(step_s) and step_s > 0):
             raise InputError(
-                f"live tracking: a lag of {lag} windows of {step_s} s; give 0 or more, and positive seconds."
+                f"online tracking: a lag of {lag} windows of {step_s} s; give 0 or more, and positive seconds."
             )
         self.config = config or TrackingConfig()
         self.step_s, self.lag = step_s, lag
         self._bank = self.config.new_bank()
         self._recent: deque[WindowDetections] = deque(maxlen=lag + 1)
-        self._voices: dict[Chain, _Voice] = {}
-        self._num_voices = 0
+        self._reported: dict[Chain, _ReportedSource] = {}
+        self._num_reported = 0
 
-    def push(self, window: WindowDetections) -> tuple[TrackedSource, ...] | None:
-        """Hears a window and answers the one ``lag`` windows before it; None while there is no such window.
+    def update(self, window: WindowDetections) -> tuple[TrackedSource, ...] | None:
+        """Adds a window; returns the sources of the window ``lag`` before it, or None where there is none.
 
         Raises:
             InputError: as :func:`track`.
@@ -65,14 +65,14 @@ class OnlineTracker:
         add_window(self._bank, window, self.step_s if last is None else window.time_s - last.time_s)
         if self._bank.num_windows <= self.lag:
             return None
-        return self._answer(self._bank.num_windows - 1 - self.lag)
+        return self._sources_at(self._bank.num_windows - 1 - self.lag)
 
     def finish(self) -> list[tuple[TrackedSource, ...]]:
-        """Answers the windows that are still open, in order; call it once, at the end."""
+        """Returns the sources of the last windows in order; call it once, at the end."""
         end = self._bank.num_windows
-        return [self._answer(t) for t in range(max(end - self.lag, 0), end)]
+        return [self._sources_at(t) for t in range(max(end - self.lag, 0), end)]
 
-    def _answer(self, t: int) -> tuple[TrackedSource, ...]:
+    def _sources_at(self, t: int) -> tuple[TrackedSource, ...]:
         bank = self._bank
         window = self._recent[t - bank.num_windows]
         sources = []
@@ -82,19 +82,21 @@ class OnlineTracker:
                 source = self._source(chain, window)
                 sources += [source] if source is not None else []
         bank.ended = [chain for chain in bank.ended if chain.first + len(chain.steps) > t + 1]
-        self._voices = {chain: voice for chain, voice in self._voices.items() if chain in {*bank.active, *bank.ended}}
+        self._reported = {
+            chain: reported for chain, reported in self._reported.items() if chain in {*bank.active, *bank.ended}
+        }
         return tuple(sorted(sources, key=lambda source: -source.level))
 
     def _source(self, chain: Chain, window: WindowDetections) -> TrackedSource | None:
-        """What a chain, whose first window is ``window``, says about it."""
+        """The source of a chain in its first window, ``window``; None where it is silent or clutter."""
         *_, belief = smooth(chain.steps)
         if belief.presence < self.config.confirm or belief.sounding_d.sum() < self.config.sounding:
             return None
         level = heard_level(window, chain.shares_tnd[0] @ belief.sounding_d)
-        if chain not in self._voices:
-            self._voices[chain] = _Voice(self._num_voices, level if np.isfinite(level) else 0.0)
-            self._num_voices += 1
-        voice = self._voices[chain]
-        voice.level = level if np.isfinite(level) else voice.level
+        if chain not in self._reported:
+            self._reported[chain] = _ReportedSource(self._num_reported, level if np.isfinite(level) else 0.0)
+            self._num_reported += 1
+        reported = self._reported[chain]
+        reported.level = level if np.isfinite(level) else reported.level
         azimuth, std = belief.direction(self.config.grid)
-        return TrackedSource(voice.id, azimuth, std, voice.level)
+        return TrackedSource(reported.id, azimuth, std, reported.level)

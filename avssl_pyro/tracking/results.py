@@ -1,4 +1,4 @@
-"""The documented results of a whole recording, in degrees: JSON lines ``avssl-window/1``, and rows of DCASE's CSV."""
+"""Result files of a recording in degrees: JSON lines ``avssl-window/1`` and rows of DCASE's CSV."""
 
 import json
 from collections.abc import Iterator
@@ -12,23 +12,23 @@ FORMAT = "avssl-window/1"
 
 
 def json_lines(timeline: Timeline, name_field: str) -> str:
-    """One line per localized window, whole recordings in order.
+    """Returns one JSON line per localized window, in order.
 
     Args:
-        timeline: what was found.
-        name_field: what a source's name is called, such as ``track``.
+        timeline: sources of the recording.
+        name_field: field of a source's name, such as ``track``.
 
     Returns:
         Lines with ``format``, ``time_s`` (of the window's middle, from the recording's start) and ``sources``, loudest
         first, each with its name, ``azimuth_deg``, ``azimuth_std_deg`` and ``level``.
     """
-    return "".join(f"{json.dumps(_window_dict(moment, name_field), allow_nan=False)}\n" for moment in timeline.moments)
+    return "".join(f"{json.dumps(_window_dict(frame, name_field), allow_nan=False)}\n" for frame in timeline.frames)
 
 
-def _window_dict(moment: TimelineFrame, name_field: str) -> dict[str, object]:
+def _window_dict(frame: TimelineFrame, name_field: str) -> dict[str, object]:
     return {
         "format": FORMAT,
-        "time_s": round(moment.time_s, 3),
+        "time_s": round(frame.time_s, 3),
         "sources": [
             {
                 name_field: source.name,
@@ -36,18 +36,18 @@ def _window_dict(moment: TimelineFrame, name_field: str) -> dict[str, object]:
                 "azimuth_std_deg": round(float(np.rad2deg(source.azimuth_std)), 2),
                 "level": round(source.level, 4),
             }
-            for source in moment.sources
+            for source in frame.sources
         ],
     }
 
 
 def dcase_rows(timeline: Timeline, end_s: float) -> Iterator[DcaseRow]:
-    """The sources of every 100-ms frame; class and elevation are not estimated, and 0.
+    """Yields the sources of every 100 ms frame; class and elevation are 0, since neither is estimated.
 
     Args:
-        timeline: what was found.
-        end_s: where the recording ends; a frame counts if its middle lies before it.
+        timeline: sources of the recording.
+        end_s: end of the recording in seconds; a frame counts if its middle lies before it.
     """
-    for frame in range(round(end_s / FRAME_S)):
-        for source in timeline.at((frame + 0.5) * FRAME_S):
-            yield DcaseRow(frame, 0, source.name, float(np.rad2deg(source.azimuth)))
+    for number in range(round(end_s / FRAME_S)):
+        for source in timeline.at((number + 0.5) * FRAME_S):
+            yield DcaseRow(number, 0, source.name, float(np.rad2deg(source.azimuth)))

@@ -1,4 +1,4 @@
-"""What a recording's sources do over time, at any moment between the windows that were localized."""
+"""Sources of a recording over time, interpolated between localized windows."""
 
 import math
 from bisect import bisect_right
@@ -16,10 +16,10 @@ MAX_TURN = np.deg2rad(30.0)
 
 @dataclass(frozen=True)
 class IdentifiedSource:
-    """A sounding object at one moment; angles in radians.
+    """A sounding source at one time; angles in radians.
 
     Args:
-        name: number that stays with the object: of its track, or of its source class where nothing was tracked.
+        name: number of its track, or of its source class without tracking.
         azimuth: direction of arrival, counter-clockwise from straight ahead.
         azimuth_std: posterior standard deviation of the azimuth.
         level: mixing level, the share of time-frequency bins the source dominates.
@@ -43,7 +43,7 @@ class IdentifiedSource:
 
 @dataclass(frozen=True)
 class TimelineFrame:
-    """The sounding objects in the window around a time (seconds from the recording's start)."""
+    """Sounding sources of the window around a time, in seconds from the start of the recording."""
 
     time_s: float
     sources: tuple[IdentifiedSource, ...]
@@ -51,12 +51,12 @@ class TimelineFrame:
 
 @dataclass(frozen=True)
 class Timeline:
-    """Moments of a recording, in order.
+    """Localized windows of a recording, in order.
 
     Args:
-        moments: what was found.
-        hop_s: time from one moment to the next, where none is missing.
-        reach_s: how long before and after a moment without a neighbour its sources are still shown; half a window.
+        frames: sources of each window.
+        hop_s: usual time between frames in seconds.
+        reach_s: time in seconds for which the sources of a frame without a neighbour last to each side; half a window.
 
     >>> ahead, left = (IdentifiedSource(1, azimuth, azimuth_std=0.02, level=0.4) for azimuth in (0.0, 0.2))
     >>> frames = (TimelineFrame(1.0, (ahead,)), TimelineFrame(2.0, (left,)))
@@ -64,24 +64,24 @@ class Timeline:
     0.1
     """
 
-    moments: tuple[TimelineFrame, ...]
+    frames: tuple[TimelineFrame, ...]
     hop_s: float
     reach_s: float
 
     @property
     def names(self) -> tuple[int, ...]:
-        """Every name, in order of appearance."""
-        return tuple(dict.fromkeys(source.name for moment in self.moments for source in moment.sources))
+        """All names in order of appearance."""
+        return tuple(dict.fromkeys(source.name for frame in self.frames for source in frame.sources))
 
     def at(self, time_s: float) -> tuple[IdentifiedSource, ...]:
-        """Sources at a time; those that two neighbouring moments share move evenly from one to the other.
+        """Returns the sources at a time, interpolated between the two frames around it.
 
-        A source of one of the two only lasts for half of the time between them.
+        A source of only one of the two lasts for half of the time between them.
         """
-        index = bisect_right(self.moments, time_s, key=lambda moment: moment.time_s)
-        around = self.moments[max(index - 1, 0) : index + 1]
+        index = bisect_right(self.frames, time_s, key=lambda frame: frame.time_s)
+        around = self.frames[max(index - 1, 0) : index + 1]
         if len(around) < 2 or around[1].time_s - around[0].time_s > 1.5 * self.hop_s:
-            nearest = min(around, key=lambda moment: abs(moment.time_s - time_s), default=None)
+            nearest = min(around, key=lambda frame: abs(frame.time_s - time_s), default=None)
             reached = nearest is not None and abs(nearest.time_s - time_s) <= self.reach_s + 1e-6
             return nearest.sources if nearest is not None and reached else ()
         before, after = around
@@ -108,30 +108,30 @@ def _between(near: IdentifiedSource, far: IdentifiedSource | None, weight: float
 
 
 def timeline_of_windows(windows: Sequence[WindowDetections], hop_s: float, reach_s: float) -> Timeline:
-    """Every window on its own; a source's name is the number of its source class."""
-    moments = tuple(
+    """Timeline of windows without tracking; a source's name is the number of its source class."""
+    frames = tuple(
         TimelineFrame(
             window.time_s,
             tuple(IdentifiedSource(s.source_class, s.azimuth, s.azimuth_std, s.level) for s in window.sources),
         )
         for window in windows
     )
-    return Timeline(moments, hop_s, reach_s)
+    return Timeline(frames, hop_s, reach_s)
 
 
 def timeline_of_tracks(
     windows: Sequence[WindowDetections], tracks: Sequence[Track], hop_s: float, reach_s: float
 ) -> Timeline:
-    """Windows as their tracks explain them; a source's name is the number of its track.
+    """Timeline of tracks; a source's name is the number of its track.
 
     Args:
-        windows: what was tracked.
-        tracks: what :func:`avssl_pyro.tracking.tracker.track` made of it.
+        windows: detections that were tracked.
+        tracks: result of :func:`avssl_pyro.tracking.tracker.track`.
     """
-    moments = tuple(
+    frames = tuple(
         TimelineFrame(
             window.time_s, tuple(IdentifiedSource(s.track_id, s.azimuth, s.azimuth_std, s.level) for s in sources)
         )
         for window, sources in zip(windows, tracked_sources(windows, tracks), strict=True)
     )
-    return Timeline(moments, hop_s, reach_s)
+    return Timeline(frames, hop_s, reach_s)

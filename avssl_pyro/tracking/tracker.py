@@ -1,4 +1,4 @@
-"""Links the sources of successive windows: who is the same, who was missed for a moment, who is clutter."""
+"""Tracking by detection: links the sources of successive windows, bridges misses, removes clutter."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,11 +20,11 @@ Columns = tuple[Array, Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True)
 class WindowDetections:
-    """What was found in one window, at a threshold low enough to miss little.
+    """Detections of one window, at a threshold low enough to miss little.
 
     Args:
-        time_s: of the window's middle.
-        sources: the detections.
+        time_s: time of the window's middle in seconds.
+        sources: detections.
     """
 
     time_s: float
@@ -33,15 +33,15 @@ class WindowDetections:
 
 @dataclass(frozen=True)
 class TrackingConfig:
-    """What is assumed of sources and detections, and what counts as a source.
+    """Settings of the tracker: the model of sources and detections, and what counts as a source.
 
     Args:
-        prior: how sources move, pause, come and go.
-        detection: how often they are found, and how much is found that is none.
-        bank: when sources end.
-        num_directions: directions D of the tracks' grid; a coarse one lets sources rush, cell by cell.
-        confirm: least probability that a track is a source, given all that was seen of it.
-        sounding: least probability that it sounds in a window, to be reported there.
+        prior: prior of motion, pauses, births and deaths.
+        detection: model of missed detections and clutter.
+        bank: settings of when sources end.
+        num_directions: number D of directions in the tracks' grid; on a coarse grid sources move too fast.
+        confirm: least probability that a track is a source, given all its windows.
+        sounding: least probability that a source sounds in a window, to be reported there.
     """
 
     prior: TrackPrior = field(default_factory=TrackPrior)
@@ -61,15 +61,15 @@ class TrackingConfig:
 
 @dataclass(frozen=True)
 class Track:
-    """One source, from the window it is first heard in to the last, pauses included; T windows.
+    """One source over T windows, from its first detection to its last, pauses included.
 
     Args:
-        id: of the source, counted from 0 in the order of their beginnings.
-        times_s: of its windows, (T,).
-        azimuths: posterior mean, (T,), radians.
-        azimuth_stds: posterior standard deviation, (T,), radians.
-        levels: mixing level, (T,); where the source was not detected, between those before and after.
-        presence: posterior probability that the source is there, (T,).
+        id: number of the source, from 0 in the order of first detections.
+        times_s: times of the windows in seconds, (T,).
+        azimuths: posterior means in radians, (T,).
+        azimuth_stds: posterior standard deviations in radians, (T,).
+        levels: mixing levels, (T,), interpolated where the source was not detected.
+        presence: posterior probability that the source exists, (T,).
         sounding: posterior probability that it sounds, (T,).
     """
 
@@ -95,7 +95,7 @@ class TrackedSource:
     """A source that sounds in a window; angles in radians.
 
     Args:
-        track_id: of its track.
+        track_id: number of its track.
         azimuth, azimuth_std: posterior mean and standard deviation.
         level: mixing level.
     """
@@ -107,11 +107,11 @@ class TrackedSource:
 
 
 def track(windows: Sequence[WindowDetections], config: TrackingConfig | None = None) -> tuple[Track, ...]:
-    """The sources of a recording, in the order of their beginnings, each given all windows.
+    """Returns the tracks of a recording in the order of their beginnings, each given all windows.
 
     Args:
-        windows: in order of time.
-        config: the model; by default that of talkers in a room.
+        windows: detections in order of time.
+        config: settings; by default for talkers in a room.
 
     Raises:
         InputError: times do not rise, or something is not a finite number.
@@ -134,11 +134,11 @@ def track(windows: Sequence[WindowDetections], config: TrackingConfig | None = N
 def tracked_sources(
     windows: Sequence[WindowDetections], tracks: Sequence[Track], config: TrackingConfig | None = None
 ) -> tuple[tuple[TrackedSource, ...], ...]:
-    """For every window, the tracks that sound in it, loudest first.
+    """Returns the sounding sources of every window, loudest first.
 
     Args:
-        windows, config: those of :func:`track`.
-        tracks: its result.
+        windows, config: arguments of :func:`track`.
+        tracks: result of :func:`track`.
     """
     least = (config or TrackingConfig()).sounding
     index_of = {window.time_s: t for t, window in enumerate(windows)}
@@ -153,7 +153,7 @@ def tracked_sources(
 
 
 def check_windows(windows: Sequence[WindowDetections]) -> None:
-    """Raises InputError where :func:`track` could not make sense of its input."""
+    """Raises InputError for times that do not rise or values that are not finite."""
     for t, window in enumerate(windows):
         if not np.isfinite(window.time_s) or (t and window.time_s <= windows[t - 1].time_s):
             raise InputError(
@@ -168,14 +168,14 @@ def check_windows(windows: Sequence[WindowDetections]) -> None:
 
 
 def add_window(bank: MultiTargetFilter, window: WindowDetections, step_s: float) -> None:
-    """Puts a window into a bank."""
+    """Adds a window to a filter."""
     azimuth_n = np.array([source.azimuth for source in window.sources], dtype=np.float64)
     std_n = np.array([source.azimuth_std for source in window.sources], dtype=np.float64)
     bank.add(window.time_s, step_s, azimuth_n, std_n)
 
 
 def _take_ended(bank: MultiTargetFilter, windows: Sequence[WindowDetections], config: TrackingConfig) -> list[Columns]:
-    """The tracks of the chains that have ended; the bank forgets them, for their beliefs need much memory."""
+    """Tracks of the ended chains, which are removed from the filter: their states need much memory."""
     tracks = [_track_of(chain, windows, config) for chain in bank.ended]
     bank.ended = []
     return [track for track in tracks if track is not None]
@@ -201,7 +201,7 @@ def _track_of(chain: Chain, windows: Sequence[WindowDetections], config: Trackin
 
 
 def heard_level(window: WindowDetections, weight_n: npt.NDArray[np.floating]) -> float:
-    """Level of the detections that are a source's with probabilities ``weight_n``; NaN if it was not detected."""
+    """Mean level of detections, weighted by their probability of belonging to a source; NaN if below 0.5."""
     total = float(weight_n.sum())
     if total < 0.5:
         return float("nan")

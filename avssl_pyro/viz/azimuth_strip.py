@@ -36,7 +36,7 @@ class _Step:
 
 def _steps(timeline: Timeline, canvas: PanoramaAxes, colors: Mapping[int, Color]) -> Iterator[_Step]:
     """Yields paths in order of their start; a source that ends or jumps stays for half a hop."""
-    moments = timeline.moments
+    moments = timeline.frames
     for moment, following in zip(moments, (*moments[1:], None), strict=True):
         later = {source.name: source for source in following.sources} if following is not None else {}
         for source in moment.sources:

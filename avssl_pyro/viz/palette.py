@@ -36,7 +36,7 @@ def track_colors(timeline: Timeline, rest_s: float = 5.0, palette: Sequence[Colo
     longest: simultaneous sources differ as long as the palette has colors enough.
     """
     spans: dict[int, tuple[float, float]] = {}
-    for moment in timeline.moments:
+    for moment in timeline.frames:
         for source in moment.sources:
             first, _ = spans.get(source.name, (moment.time_s, moment.time_s))
             spans[source.name] = (first, moment.time_s)

@@ -177,12 +177,12 @@ def test_a_recording_is_localized_with_and_without_its_video(model: av.Model, cl
         for index in range(20):
             out.write(np.full((288, 576, 3), 120, np.uint8), index / 10.0)
     timeline = model.localize_recording(audio, video)
-    assert [frame.time_s for frame in timeline.moments] == [0.5, 1.0, 1.5]
+    assert [frame.time_s for frame in timeline.frames] == [0.5, 1.0, 1.5]
     by_audio = av.load("circle4").localize_recording(audio, rate_hz=1.0, tracking=False)
-    assert [frame.time_s for frame in by_audio.moments] == [0.5, 1.5]
+    assert [frame.time_s for frame in by_audio.frames] == [0.5, 1.5]
     # Both windows are the same clip.
     expected = [source.azimuth_deg for source in av.load("circle4").localize(clip.audio_mn).sources]
-    for frame in by_audio.moments:
+    for frame in by_audio.frames:
         assert [source.azimuth_deg for source in frame.sources] == pytest.approx(expected, abs=0.01)
 
 

@@ -34,8 +34,8 @@ def audio(tmp_path: Path) -> Path:
 def test_every_window_has_the_sources_of_its_clip(localizer: Localizer, audio: Path) -> None:
     recording = open_recording(audio, None, ARRAY, Alignment())
     timeline = localize_recording(recording, localizer, rate_hz=2.0, tracking=False)
-    assert [frame.time_s for frame in timeline.moments] == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5])
-    for frame, (_, clip) in zip(timeline.moments, recording.windows(0.5), strict=True):
+    assert [frame.time_s for frame in timeline.frames] == pytest.approx([0.5, 1.0, 1.5, 2.0, 2.5])
+    for frame, (_, clip) in zip(timeline.frames, recording.windows(0.5), strict=True):
         (expected,) = localizer.localize([clip])
         assert [source.name for source in frame.sources] == [source.source_class for source in expected.sources]
         assert [source.azimuth_deg for source in frame.sources] == pytest.approx(
@@ -47,7 +47,7 @@ def test_sources_are_linked_unless_windows_are_wanted_alone(localizer: Localizer
     recording = open_recording(audio, None, ARRAY, Alignment())
     alone = localize_recording(recording, localizer, tracking=False)
     linked = localize_recording(recording, localizer)
-    assert len(linked.moments) == len(alone.moments)
+    assert len(linked.frames) == len(alone.frames)
     assert set(linked.names) <= set(range(len(linked.names)))
 
 
@@ -55,7 +55,7 @@ def test_an_interrupt_ends_the_timeline_early(localizer: Localizer, audio: Path)
     stop = GracefulInterrupt()
     stop.requested = True
     timeline = localize_recording(open_recording(audio, None, ARRAY, Alignment()), localizer, interrupt=stop)
-    assert [frame.time_s for frame in timeline.moments] == [0.5]
+    assert [frame.time_s for frame in timeline.frames] == [0.5]
 
 
 def test_bad_recordings_are_refused(localizer: Localizer, audio: Path, tmp_path: Path) -> None:

@@ -189,7 +189,7 @@ def test_what_makes_no_sense_is_refused(windows: list[WindowDetections], message
 
 def live(windows: Sequence[WindowDetections], lag: int) -> list[tuple[TrackedSource, ...]]:
     tracker = OnlineTracker(step_s=STEP_S, lag=lag)
-    answers = [tracker.push(window) for window in windows]
+    answers = [tracker.update(window) for window in windows]
     assert [answer is None for answer in answers] == [t < lag for t in range(len(windows))]
     return [answer for answer in answers if answer is not None] + tracker.finish()
 
@@ -215,7 +215,7 @@ def test_live_tracks_that_may_wait_for_everything_are_those_of_the_whole_recordi
 def test_live_tracker_remembers_no_more_than_its_lag() -> None:
     tracker = OnlineTracker(step_s=STEP_S, lag=2)
     for window in record([still], 60):
-        tracker.push(window)
+        tracker.update(window)
     assert [len(chain.steps) for chain in tracker._bank.active] == [3]
     assert tracker._bank.ended == []
 
