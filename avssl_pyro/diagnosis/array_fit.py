@@ -1,4 +1,4 @@
-"""How well an array explains a recording, without knowing any direction: the yardstick of channel order, delays, units.
+"""Likelihood of a recording under an array with unknown directions; it ranks channel orders and delays.
 
 Every excerpt is a mixture over directions of the model's own likelihood with one template each, plus a diffuse class.
 With H = a a^H + eps I the profiled density (Eqs. 15, 16) has by Sherman and Morrison the closed form
@@ -29,14 +29,14 @@ LEAST_POWER_SHARE = 1e-8
 
 @dataclass(frozen=True)
 class FitConfig:
-    """What of an excerpt is explained, and by which directions.
+    """Frequencies, frames and directions of the fit.
 
     Args:
-        num_azimuths: evenly spread over the circle.
-        elevations_deg: of every azimuth.
-        low_hz: lowest frequency.
-        high_hz: highest frequency.
-        frame_step: every how many frames are used.
+        num_azimuths: number of azimuths, evenly spread.
+        elevations_deg: elevations of every azimuth in degrees.
+        low_hz: lowest frequency in Hz.
+        high_hz: highest frequency in Hz.
+        frame_step: step between the frames used.
     """
 
     num_azimuths: int = 40
@@ -48,7 +48,7 @@ class FitConfig:
 
 @dataclass(frozen=True)
 class TiltedGrid(DirectionGrid):
-    """The directions of a grid, all lifted by the same angle (radians)."""
+    """A direction grid at one elevation, in radians."""
 
     elevation: float = 0.0
 
@@ -61,11 +61,11 @@ class TiltedGrid(DirectionGrid):
 
 
 class Fit(NamedTuple):
-    """An array's account of some excerpts.
+    """Result of fitting an array to excerpts.
 
     Args:
         log_likelihood_b: mean over time-frequency bins, (B,), nats, up to a constant of the excerpt.
-        responsibility_bftd: of every direction for every bin, (B, F, T, D); what is missing to 1 is diffuse.
+        responsibility_bftd: responsibility of each direction for each bin, (B, F, T, D); the rest to 1 is diffuse.
     """
 
     log_likelihood_b: npt.NDArray[np.float64]
@@ -73,10 +73,10 @@ class Fit(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """Channels beside what the others predict of them.
+    """Difference of channels from the prediction by the others.
 
     Args:
-        delay_s: how late they come; negative if early.
+        delay_s: delay in seconds; negative if early.
         agreement: mean cosine of the phase to the prediction at that delay, in [-1, 1]; negative if inverted.
     """
 

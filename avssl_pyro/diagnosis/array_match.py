@@ -1,4 +1,4 @@
-"""Exchanged, inverted and delayed channels and wrong units: the search for what would make an array fit a recording.
+"""Search for repairs that make an array fit a recording: exchanges, inversions, delays, units.
 
 Candidates for a repair come from the symmetry of the array (exchanges), from the delays of pairs and from what the
 other channels predict of each one. Whichever repair raises the likelihood most, excerpt by excerpt, is found and
@@ -46,10 +46,10 @@ RESAMPLES = 1000
 
 @dataclass(frozen=True)
 class Proof:
-    """How much better an array explains a recording with a repair.
+    """Gain in likelihood by a repair.
 
     Args:
-        repair: what is repaired.
+        repair: repair that was tried.
         gain_b: gain in log-likelihood per bin and microphone, (B,).
     """
 
@@ -82,7 +82,7 @@ class ArrayMatch:
         self._fit = ArrayFit(fit_config(array))
 
     def repairs(self) -> list[Proof]:
-        """What has to be repaired, in the order of its weight."""
+        """Repairs that are needed, the largest gain first."""
         found: list[Proof] = []
         audio_bmn, array = self._audio_bmn, self._array
         while len(found) < MOST_REPAIRS:
@@ -101,7 +101,7 @@ class ArrayMatch:
         return found
 
     def deaf(self) -> list[int]:
-        """Channels that do not follow the sound field that the others hear; to be asked after :meth:`repairs`."""
+        """Channels that do not follow the sound field of the others; call it after :meth:`repairs`."""
         if self._array.num_microphones < 4:
             return []
         agreement_m = np.array(
@@ -194,7 +194,7 @@ def check_array_match(audio_bmn: Audio, array: MicrophoneArray, names: Sequence[
     Args:
         audio_bmn: excerpts at 16 kHz, (B, M, N).
         array: the array of these channels.
-        names: of the channels in the file, counted from 0.
+        names: channel numbers in the file, from 0.
     """
     match = ArrayMatch(audio_bmn, array)
     findings = [

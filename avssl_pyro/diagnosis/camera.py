@@ -1,4 +1,4 @@
-"""What the search for the camera's orientation means for a recording."""
+"""Check of the orientation of the camera relative to the array."""
 
 from collections.abc import Sequence
 
@@ -30,7 +30,7 @@ def check_camera(
 
 
 def orientation_search(system: System) -> OrientationSearch:
-    """The search by a trained system."""
+    """Builds the search from a trained system."""
     config = system.config
     return OrientationSearch(
         system.guide, template_covariances(config.steering()), config.stft, config.model.diffuse, config.model.sigma
@@ -38,7 +38,7 @@ def orientation_search(system: System) -> OrientationSearch:
 
 
 def judge(orientation: Orientation, array: MicrophoneArray, given: Turn = AS_IT_IS) -> tuple[Finding, ...]:
-    """The finding behind an orientation of pictures that were already turned as given."""
+    """Returns the finding for an orientation of pictures that were already turned as given."""
     if is_mirror_blind(array):
         found = "cannot tell whether the picture is mirrored or turned: both sides of this array sound alike"
         return (Finding(CHECK, Severity.NOTE, found, 1.0, "compare camera and array by eye"),)

@@ -27,12 +27,12 @@ COPY_RESIDUE = 1e-4
 
 @dataclass(frozen=True)
 class ChannelLevels:
-    """Power of every channel.
+    """Power and mean of every channel.
 
     Args:
-        power_bm: mean square about the mean, (B, M), full scale 1.
+        power_bm: variance of the samples, (B, M), full scale 1.
         direct_m: mean of all samples, (M,).
-        names: the channels' numbers in the file, counted from 0.
+        names: channel numbers in the file, from 0.
     """
 
     power_bm: npt.NDArray[np.float64]
@@ -46,7 +46,7 @@ class ChannelLevels:
 
     @property
     def relative_db_m(self) -> npt.NDArray[np.float64]:
-        """Every channel against the median channel, (M,), dB: the median over excerpts that are not silent."""
+        """Level relative to the median channel in dB, (M,); median over excerpts that are not silent."""
         loud_bm = self.power_bm[self.loud_b]
         if not len(loud_bm):
             return np.zeros(self.power_bm.shape[1])
@@ -55,18 +55,18 @@ class ChannelLevels:
 
     @property
     def loud_b(self) -> npt.NDArray[np.bool_]:
-        """Excerpts in which something sounds, (B,)."""
+        """Mask of the excerpts that are not silent, (B,)."""
         return 10 * np.log10(np.maximum(self.power_bm.max(axis=1), LEAST_POWER)) > SILENT_DBFS
 
     @property
     def dead(self) -> list[int]:
-        """Channels that are digital zero, or far below the others, throughout."""
+        """Channels that are constant, or far below the others, throughout."""
         zero_m = (self.power_bm <= LEAST_POWER).all(axis=0)
         return [m for m, below in enumerate(zero_m | (self.relative_db_m < DEAD_DB)) if below]
 
 
 def check_levels(excerpts: Excerpts) -> tuple[Finding, ...]:
-    """Silence, dead channels and drop-outs, unequal gains, direct current."""
+    """Checks for silence, dead channels, drop-outs, unequal gains and direct current."""
     levels = ChannelLevels.of(excerpts)
     if not levels.loud_b.any():
         return (
@@ -134,7 +134,7 @@ def _direct(levels: ChannelLevels) -> list[Finding]:
 
 
 def clipped_runs(samples_bn: npt.NDArray[np.float32]) -> tuple[int, float]:
-    """Number of runs of at least three samples at the highest level, and that level; both ends, the worse one."""
+    """Number of runs of three or more samples at an extreme, and its level; the worse of both signs."""
     worst = (0, 0.0)
     for sign in (1, -1):
         signed_bn = sign * samples_bn
@@ -149,7 +149,7 @@ def clipped_runs(samples_bn: npt.NDArray[np.float32]) -> tuple[int, float]:
 
 
 def check_clipping(excerpts: Excerpts) -> tuple[Finding, ...]:
-    """Channels whose waveform is cut off flat."""
+    """Checks for channels whose waveform is cut off."""
     findings = []
     seconds = excerpts.raw_bmn.shape[0] * excerpts.raw_bmn.shape[2] / excerpts.rate
     for channel in range(excerpts.num_channels):
@@ -185,7 +185,7 @@ def find_duplicates(excerpts: Excerpts) -> list[tuple[int, int, float]]:
 
 
 def check_duplicates(excerpts: Excerpts) -> tuple[Finding, ...]:
-    """Names the pairs of channels that hold one signal."""
+    """Checks for pairs of channels that hold one signal."""
     findings = [
         Finding(
             "duplicates",

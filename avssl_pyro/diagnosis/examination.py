@@ -1,4 +1,4 @@
-"""All checks of the sound of a recording, in the order in which one fault hides another."""
+"""All checks of the audio of a recording, in the order in which one fault hides another."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ EXCERPTS_TO_MATCH = 8
 
 
 def examine(excerpts: Excerpts, array: MicrophoneArray) -> tuple[Finding, ...]:
-    """Checks excerpts against the array that is said to have recorded them.
+    """Checks excerpts of a recording against its array.
 
     Dead channels and second copies are left out before channels are compared with each other.
 

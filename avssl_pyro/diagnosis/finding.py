@@ -1,4 +1,4 @@
-"""What a check has to say."""
+"""Findings of the checks, with severity and confidence."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -8,7 +8,7 @@ from avssl_pyro.errors import InputError
 
 
 class Severity(IntEnum):
-    """How bad a finding is; from ``WARNING`` on something should be done before training."""
+    """Severity of a finding; from ``WARNING`` on, act before training."""
 
     OK = 0
     NOTE = 1
@@ -26,10 +26,10 @@ class Finding:
 
     Args:
         check: name of the check.
-        severity: how bad it is.
-        message: what was found, one sentence on one line; channels count from 1.
-        confidence: how sure that is, in [0, 1].
-        advice: what to do; empty where nothing is to be done.
+        severity: severity of the finding.
+        message: finding in one sentence on one line; channels count from 1.
+        confidence: confidence in [0, 1].
+        advice: advised action; empty where none is needed.
 
     Raises:
         InputError: the message has several lines or the confidence is no probability.

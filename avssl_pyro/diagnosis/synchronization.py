@@ -28,12 +28,12 @@ SAME_RATIO = 0.01
 
 @dataclass(frozen=True)
 class Lag:
-    """How late the picture is.
+    """Lag of the picture behind the sound.
 
     Args:
-        lag_s: picture changes come so much after sound onsets; negative if before.
-        height: of the correlation's peak, in robust standard deviations of the others.
-        clear: whether the peak may be believed.
+        lag_s: time in seconds from sound onsets to picture changes; negative if the picture is first.
+        height: height of the correlation's peak in robust standard deviations.
+        clear: whether the peak is significant.
     """
 
     lag_s: float
@@ -102,11 +102,11 @@ def _peak(sound_t: npt.NDArray[np.float64], picture_t: npt.NDArray[np.float64]) 
 def check_lag(
     energy_t: npt.NDArray[np.float64], change_t: npt.NDArray[np.float64], given_s: float = 0.0
 ) -> tuple[Finding, ...]:
-    """Names the offset between sound and picture, or says that it cannot be told.
+    """Checks the offset between sound and picture.
 
     Args:
-        energy_t, change_t: of sound and picture, as by :func:`sound_energy` and :func:`picture_change`.
-        given_s: offset (audio time minus video time) by which they were brought together already.
+        energy_t, change_t: curves of sound and picture, from :func:`sound_energy` and :func:`picture_change`.
+        given_s: offset in seconds (audio minus video time) that was already applied.
     """
     lag = find_lag(energy_t, change_t)
     if not lag.clear:
@@ -133,7 +133,7 @@ def check_lag(
 
 
 def check_durations(audio_s: float, rate: int, video_s: float) -> tuple[Finding, ...]:
-    """Compares how long audio (of a header's sample rate) and video last."""
+    """Compares the durations of audio (by its header's sample rate) and video."""
     if abs(audio_s - video_s) <= max(TOLERATED_DIFFERENCE_S, TOLERATED_SHARE * video_s):
         return (Finding("durations", Severity.OK, "audio and video last about equally long", 1.0),)
     found = f"the audio lasts {audio_s:.1f} s, the video {video_s:.1f} s"

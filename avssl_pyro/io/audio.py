@@ -219,12 +219,12 @@ def _check_duration(frames: int, rate: int, where: str) -> None:
         )
 
 
-def resample(audio_nm: npt.NDArray[np.float32], rate: int) -> npt.NDArray[np.float32]:
-    """Samples at 16 kHz, (N, ...), from samples at another rate in Hz."""
+def resample(audio: npt.NDArray[np.float32], rate: int, axis: int = 0) -> npt.NDArray[np.float32]:
+    """Resamples audio at a rate in Hz to 16 kHz along an axis."""
     if rate == SAMPLE_RATE:
-        return audio_nm
+        return audio
     divisor = gcd(rate, SAMPLE_RATE)
-    return np.asarray(resample_poly(audio_nm, SAMPLE_RATE // divisor, rate // divisor, axis=0), dtype=np.float32)
+    return np.asarray(resample_poly(audio, SAMPLE_RATE // divisor, rate // divisor, axis=axis), dtype=np.float32)
 
 
 def write_separated(

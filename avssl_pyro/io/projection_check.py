@@ -1,4 +1,4 @@
-"""Telling fisheye pictures, as 360-degree cameras store them, from an equirectangular one."""
+"""Detection of fisheye images, as 360-degree cameras store them, among equirectangular ones."""
 
 import numpy as np
 import numpy.typing as npt

@@ -1,4 +1,4 @@
-"""Looking through recordings once: how loud every clip would be, and whether it would have a picture."""
+"""Candidate clips of recordings: their loudness, and whether they have a picture."""
 
 import math
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ _SAME_LENGTH_S = 0.5
 
 @dataclass(frozen=True)
 class ClipCandidate:
-    """Where a clip is: number of its recording, seconds at which it begins, and how loud it is (RMS, full scale 1)."""
+    """A possible clip: index of its recording, start in seconds, and RMS (full scale 1)."""
 
     recording: int
     start_s: float
@@ -28,19 +28,19 @@ class ClipCandidate:
 
 @dataclass(frozen=True)
 class Survey:
-    """Every clip that has sound and a picture, by recording and time, and sentences on what was left out."""
+    """Candidates with sound and a picture, by recording and time, and remarks on what was left out."""
 
     places: tuple[ClipCandidate, ...]
     remarks: tuple[str, ...]
 
     def loudest(self, count: int | None) -> tuple[ClipCandidate, ...]:
-        """The ``count`` loudest clips (None: all) in their old order; of equally loud ones the earlier."""
+        """Returns the ``count`` loudest candidates (None: all) in order; of equally loud ones the earlier."""
         order = np.argsort([-place.rms for place in self.places], kind="stable")[:count]
         return tuple(self.places[index] for index in np.sort(order))
 
 
 def survey(recordings: Sequence[Recording], hop_s: float, duration_s: float, progress: bool = True) -> Survey:
-    """One pass over the audio, a few seconds in memory at a time; of the video only time stamps are read.
+    """Lists the candidates in one pass over the audio; of videos, only time stamps are read.
 
     Raises:
         InputError: a file is damaged, or no clip of any recording has both sound and a picture.
@@ -90,7 +90,7 @@ def _survey_one(
 
 
 def loudness(audio_mn: npt.NDArray[np.float32]) -> float:
-    """RMS over all channels and samples, each channel's mean removed first."""
+    """RMS over all channels and samples, without the mean of each channel."""
     return math.sqrt(float(audio_mn.var(axis=1, dtype=np.float64).mean()))
 
 

@@ -1,4 +1,4 @@
-"""Finding the recordings in a folder or a list: which audio belongs to which video, and how they lie to each other."""
+"""Discovery of recordings in a folder or a list: pairs of audio and video with their alignment."""
 
 import math
 from collections.abc import Iterable
@@ -16,19 +16,19 @@ _COLUMNS = ("video", "audio", "offset_s", "yaw_deg")
 
 @dataclass(frozen=True)
 class RecordingFiles:
-    """A video, the audio that belongs to it, and how they lie to each other."""
+    """The video and audio files of one recording, and their alignment."""
 
     video: Path
     audio: Path
     alignment: Alignment
 
     def open(self) -> Recording:
-        """The recording; raises InputError when a file cannot be read or the two do not fit together."""
+        """Opens the recording; raises InputError if a file cannot be read or the two do not fit."""
         return Recording.open(self.audio, self.video, self.alignment)
 
 
 def recordings_in_folder(folder: Path, alignment: Alignment) -> tuple[tuple[RecordingFiles, ...], tuple[Path, ...]]:
-    """Pairs of equal name but for the suffix, ordered by name, and the audio and video files that have no partner.
+    """Returns the pairs of files of equal stem, ordered by name, and the files without a partner.
 
     Raises:
         InputError: there is no such folder, it holds no pair, or two files could be the partner of one.
@@ -58,9 +58,9 @@ def _by_stem(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
 
 
 def read_recording_list(path: Path, alignment: Alignment) -> tuple[RecordingFiles, ...]:
-    """Reads a CSV file with columns ``video`` and ``audio``, and if wanted ``offset_s`` and ``yaw_deg``.
+    """Reads a CSV file with columns ``video``, ``audio`` and optionally ``offset_s``, ``yaw_deg``.
 
-    File names are relative to the list; an empty or missing offset or yaw is that of ``alignment``.
+    File names are relative to the list. ``alignment`` replaces an empty or missing offset or yaw.
 
     Raises:
         InputError: the file is missing or damaged, or a line lacks something; the line is named.
@@ -93,7 +93,7 @@ def _number(text: str, column: str, where: str) -> float:
 
 
 def unique_names(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
-    """The recordings with a number added to every name that could be taken for another one's in the names of clips."""
+    """Recordings whose clips have different names: a repeated name gets a number."""
     taken: set[str] = set()
     named = []
     for number, recording in enumerate(recordings):

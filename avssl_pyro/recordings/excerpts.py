@@ -1,4 +1,4 @@
-"""Excerpts of a recording: a few seconds from all over it, enough to judge how it was made."""
+"""Excerpts of a recording: stretches of a second, evenly spread, for its diagnosis."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import soundfile
-from scipy.signal import resample_poly
 
 from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.audio import MIN_SECONDS, check_live, check_samples
+from avssl_pyro.io.audio import MIN_SECONDS, check_live, check_samples, resample
 
 EXCERPT_SECONDS = 1.0
 MOST_EXCERPTS = 60
@@ -19,13 +18,13 @@ MOST_EXCERPTS = 60
 
 @dataclass(frozen=True)
 class Excerpts:
-    """B stretches of equal length from all over a recording, as the file holds them and as the model hears them.
+    """B stretches of equal length, evenly spread, at the rate of the file and at 16 kHz.
 
     Args:
-        raw_bmn: float32 in [-1, 1], (B, M, N), at the file's own rate: resampling rounds off what clipping cut.
-        rate: samples per second of ``raw_bmn``.
-        audio_bmn: float32, (B, M, N'), at 16 kHz.
-        names: the channels' numbers in the file, counted from 0.
+        raw_bmn: samples at the rate of the file, float32 in [-1, 1], (B, M, N); resampling would hide clipping.
+        rate: sample rate of ``raw_bmn`` in Hz.
+        audio_bmn: samples at 16 kHz, float32, (B, M, N').
+        names: channel numbers in the file, from 0.
     """
 
     raw_bmn: npt.NDArray[np.float32]
@@ -38,11 +37,11 @@ class Excerpts:
         return self.raw_bmn.shape[1]
 
     def check_live(self, path: Path) -> None:
-        """Refuses a recording, read from ``path``, of which some channels are dead; raises :class:`InputError`."""
+        """Raises InputError if some channels of the recording at ``path`` are dead."""
         check_live(np.concatenate(list(self.raw_bmn), axis=-1), path, self.names)
 
     def select(self, channels: Sequence[int]) -> "Excerpts":
-        """The given channels (counted from 0), in the given order."""
+        """Excerpts of the given channels, counted from 0, in the given order."""
         chosen = list(channels)
         names = tuple(self.names[channel] for channel in chosen)
         return Excerpts(self.raw_bmn[:, chosen], self.rate, self.audio_bmn[:, chosen], names)
@@ -51,18 +50,15 @@ class Excerpts:
     def of_blocks(cls, raw_bmn: npt.NDArray[np.float32], rate: int) -> "Excerpts":
         """Excerpts of blocks (B, M, N) at ``rate``."""
         names = tuple(range(raw_bmn.shape[1]))
-        if rate == SAMPLE_RATE:
-            return cls(raw_bmn, rate, raw_bmn, names)
-        divisor = int(np.gcd(rate, SAMPLE_RATE))
-        audio_bmn = resample_poly(raw_bmn, SAMPLE_RATE // divisor, rate // divisor, axis=-1)
-        return cls(raw_bmn, rate, np.ascontiguousarray(audio_bmn, dtype=np.float32), names)
+        audio_bmn = raw_bmn if rate == SAMPLE_RATE else np.ascontiguousarray(resample(raw_bmn, rate, axis=-1))
+        return cls(raw_bmn, rate, audio_bmn, names)
 
     @classmethod
     def of_clips(cls, clips: Sequence[Clip]) -> "Excerpts":
         """Excerpts of clips of one array; the longer ones are cut to the shortest.
 
         Raises:
-            InputError: there is none.
+            InputError: no clip is given.
         """
         if not clips:
             raise InputError("no clip was given; a diagnosis needs at least one.")

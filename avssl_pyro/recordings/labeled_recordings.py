@@ -1,4 +1,4 @@
-"""A folder of recordings without pictures, and a list that says from where talkers were heard in each."""
+"""A folder of audio recordings with a list of the talkers' azimuths in each."""
 
 import math
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ class LabeledRecording:
     """An audio file and the talkers in it.
 
     Args:
-        path: of the audio file.
-        azimuths: of everybody who talks at some time, radians, any number.
+        path: audio file.
+        azimuths: azimuths of all talkers in radians, any number.
     """
 
     path: Path

@@ -1,4 +1,4 @@
-"""Audio of an array and 360-degree video taken together, as clips of any moment."""
+"""A recording: audio of an array with or without 360-degree video, read as clips at any time."""
 
 import re
 from collections.abc import Iterator
@@ -41,18 +41,18 @@ class Alignment:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording of any length. All its times are the video's, in seconds (the audio's, where there is no video).
+    """A recording of any length; times are those of the video (without one, of the audio) in seconds.
 
     Args:
-        name: appears in the names of its clips.
-        audio: of the array.
-        video: equirectangular; None gives clips with a plain grey image, which shows nothing.
+        name: beginning of the names of its clips.
+        audio: audio file of the array.
+        video: equirectangular video; with None, clips have a plain grey image.
         offset_s: audio time minus video time of the same moment; positive when the audio began first.
         yaw_deg: azimuth, seen from the array, of what the centre column of the picture shows; +90 is left.
         mirror: the picture shows left and right exchanged; it is mirrored back before it is turned.
         elevation_range_deg: lowest and highest elevation in the picture, where it is no full sphere twice as wide as
             high (nor has the proportions of a clip's image, -55 to 55 degrees).
-        channels: of the audio file, counted from 0, in the order of the microphones; by default all of them.
+        channels: channels of the audio file, counted from 0, in the order of the microphones; by default all.
 
     Raises:
         InputError: audio and video do not overlap in time, a channel does not exist, or the elevations are no range.
@@ -89,7 +89,7 @@ class Recording:
 
     @classmethod
     def open(cls, audio: Path, video: Path | None = None, alignment: Alignment | None = None) -> "Recording":
-        """The recording of two files, or of one.
+        """Opens the recording of an audio file and, if given, a video file.
 
         Raises:
             InputError: a file cannot be read, or the two do not fit together.
@@ -134,19 +134,19 @@ class Recording:
 
     @property
     def start_s(self) -> float:
-        """Where the common stretch of audio and video begins."""
+        """Start of the common stretch of audio and video."""
         return 0.0 if self.video is None else max(0.0, -self.offset_s)
 
     @property
     def end_s(self) -> float:
-        """Where the common stretch of audio and video ends."""
+        """End of the common stretch of audio and video."""
         if self.video is None:
             return self.audio.duration_s
         return min(self.video.duration_s, self.audio.duration_s - self.offset_s)
 
     @property
     def duration_s(self) -> float:
-        """Of the common stretch of audio and video."""
+        """Duration of the common stretch of audio and video."""
         return self.end_s - self.start_s
 
     def audio_at(self, start_s: float, duration_s: float = 1.0) -> npt.NDArray[np.float32]:
@@ -154,7 +154,7 @@ class Recording:
         return self._ordered(self.audio.read_samples(*self._samples(start_s, duration_s)))
 
     def image_at(self, time_s: float) -> npt.NDArray[np.uint8]:
-        """The picture that stands at ``time_s`` as a clip's image, uint8 RGB, (88, 288, 3).
+        """Reads the picture at ``time_s`` as the image of a clip, uint8 RGB, (88, 288, 3).
 
         Raises:
             InputError: there is no frame, see :meth:`VideoFile.frame_at`, or it has other proportions than said.
@@ -164,7 +164,7 @@ class Recording:
         return self.fit(self.video.frame_at(time_s))
 
     def fit(self, frame_ijc: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-        """A frame of the video as a clip's image: mirrored back, turned, cut to elevations -55..55, (88, 288, 3).
+        """Fits a video frame to a clip's image: unmirrored, turned, elevations -55..55, (88, 288, 3).
 
         Raises:
             InputError: the frame is higher than wide, or no full sphere although no elevations were given.
@@ -188,7 +188,7 @@ class Recording:
             raise InputError(f"{str(error)[:-1]}; otherwise say which elevations it shows.") from error
 
     def check_picture(self) -> None:
-        """Looks at the first frame, before anything takes long.
+        """Checks the first frame of the video.
 
         Raises:
             InputError: the video has none that can be decoded, or it is none of 360 degrees, see :meth:`fit`.

@@ -1,4 +1,4 @@
-"""Keeping clips aside for validation, so that none of them overlaps one that is trained on."""
+"""Splits of clips into training and validation without overlap in time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,7 +4,7 @@
     root/video_dev/dev-train-sony/fold4_room1_mix001.mp4        (or without the folder between)
     root/metadata_dev/dev-train-sony/fold4_room1_mix001.csv     (or without the folder between)
 
-The labels are for evaluation; training has no use for them.
+The labels are for evaluation; training does not use them.
 """
 
 import re
@@ -35,7 +35,7 @@ class StarssFiles:
     labels: Path | None
 
     def open(self) -> Recording:
-        """Audio and video; both start at once, and the picture's centre is straight ahead.
+        """Opens audio and video; both start together, and the picture's centre is straight ahead.
 
         Raises:
             InputError: a file cannot be read.
@@ -51,10 +51,10 @@ class StarssFiles:
 
 
 def list_starss(root: Path, audio_format: str, split: str) -> tuple[StarssFiles, ...]:
-    """The recordings of a split, ordered by name.
+    """Lists the recordings of a split, ordered by name.
 
     Args:
-        root: the folder that holds ``mic_dev`` or ``foa_dev``.
+        root: folder with ``mic_dev`` or ``foa_dev``.
         audio_format: "mic" or "foa".
         split: "dev-train" or "dev-test".
 
