@@ -4,6 +4,7 @@ __all__ = [
     "app",
     "benchmark",
     "benchmark_recordings",
+    "benchmark_tracking",
     "command",
     "demo",
     "doctor",
