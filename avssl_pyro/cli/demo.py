@@ -1,30 +1,29 @@
-"""The whole method on two cores: scenes, training without labels, evaluation, pictures."""
-
-from __future__ import annotations
+"""Runs the whole method on two cores: a first picture, scenes, training without labels, evaluation, pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
 from avssl_pyro.cli.options import parse_options
-from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.training.config import PRESETS, OptimizationConfig
 
 if TYPE_CHECKING:
     from avssl_pyro.datasets.dataset import SceneDataset
     from avssl_pyro.localization.localizer import Localizer
 
+FIRST_ARRAY = "circle6"
+
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """Make scenes, train on them without labels, evaluate beside MUSIC and SRP-PHAT, and draw what was found."""
+    """Localize a first scene with the pretrained weights; then simulate, train without labels, compare and draw."""
 
     out: Path = Path("runs/demo")
-    """Folder for everything that comes out."""
+    """Folder of the results."""
     cache: Path = Path("cache")
-    """Where scenes are kept."""
+    """Folder of the scenes."""
     scenes: int = 3000
     """Training scenes."""
     test_scenes: int = 200
@@ -38,14 +37,45 @@ class DemoOptions:
 
 def main(args: Sequence[str] | None = None) -> None:
     """Runs the command with ``args`` (by default those of the process)."""
+    options = parse_options(DemoOptions, args)
+    picture = draw_first_picture(options.out / "first")
+    print(f"{picture}: a scene, localized with the pretrained weights; its separated sounds are beside it.", flush=True)
+    _train_and_compare(options)
+    print(f"{options.out}: holds report.md, curves.png and overlay-*.png.")
+
+
+def draw_first_picture(folder: Path) -> Path:
+    """Localizes one simulated scene with the pretrained weights, and writes its overlay and its separated sounds.
+
+    Args:
+        folder: folder to write to; it is made if it does not exist.
+
+    Returns:
+        The path of the overlay.
+    """
+    from avssl_pyro.api.model import load
+    from avssl_pyro.api.simulation import simulate
+
+    folder.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory() as scenes:
+        clip = simulate(scenes, 1, array=FIRST_ARRAY, workers=1)[0]
+    result = load(FIRST_ARRAY).localize(clip.audio_mn, clip.image_ijc)
+    picture = folder / "overlay.png"
+    result.plot(picture)
+    result.save_sounds(folder, "source")
+    return picture
+
+
+def _train_and_compare(options: DemoOptions) -> None:
+    from avssl_pyro.cli.evaluate import EvaluateOptions, evaluate_with
     from avssl_pyro.datasets.builtin import TEST, default_dataset
+    from avssl_pyro.guides.refinement_config import RefinementConfig
     from avssl_pyro.localization.localizer import Localizer
     from avssl_pyro.systems.checkpoint import load_checkpoint
     from avssl_pyro.training.run import run_training
     from avssl_pyro.training.svi import CHECKPOINT_NAME
     from avssl_pyro.viz.plots import save_run_curves
 
-    options = parse_options(DemoOptions, args)
     checkpoint = options.out / CHECKPOINT_NAME
     run_training(
         replace(
@@ -69,10 +99,9 @@ def main(args: Sequence[str] | None = None) -> None:
     system = load_checkpoint(checkpoint)
     test = default_dataset(options.cache, TEST, "some-silent", options.test_scenes, system.config.array)
     draw_overlays(Localizer(system, refinement=RefinementConfig()), test, options.overlays, options.out)
-    print(f"{options.out}: report.md, curves.png and overlay-*.png are worth a look.")
 
 
-def draw_overlays(localizer: Localizer, dataset: SceneDataset, number: int, folder: Path) -> None:
+def draw_overlays(localizer: "Localizer", dataset: "SceneDataset", number: int, folder: Path) -> None:
     """Draws the first ``number`` scenes of a data set with their true azimuths as ``overlay-*.png``."""
     from avssl_pyro.benchmarks.gallery import draw_scene
     from avssl_pyro.io.images import save_png

@@ -84,6 +84,9 @@ def test_the_demo_leaves_what_it_promises(tmp_path: Path) -> None:
     names = {path.name for path in (tmp_path / "demo").iterdir()}
     assert names >= {"report.json", "report.md", "curves.png", "checkpoint.safetensors"}
     assert len([name for name in names if name.startswith("overlay-")]) == 4
+    first = {path.name for path in (tmp_path / "demo" / "first").iterdir()}
+    assert "overlay.png" in first
+    assert any(name.startswith("source") and name.endswith(".wav") for name in first)
 
 
 def test_the_benchmark_prints_its_ratio(capsys: pytest.CaptureFixture[str]) -> None:
