@@ -278,3 +278,12 @@ def test_a_wheel_simulates_trains_and_localizes_outside_the_checkout(wheel: Path
     assert said == ["avssl-result/1", "1152"] * 2 + [str(target / "avssl_pyro" / "__init__.py")]
     code = "import sys; sys.argv[1:] = ['--version']; from avssl_pyro.cli.app import entry_point; entry_point()"
     assert PROJECT["project"]["version"] in python(code, folder, PYTHONPATH=str(target))
+
+
+def test_imports_need_nothing_that_only_unix_has() -> None:
+    for module, path in MODULES.items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in tree.body:
+            names = {alias.name for alias in node.names} if isinstance(node, ast.Import) else set()
+            names |= {node.module or ""} if isinstance(node, ast.ImportFrom) else set()
+            assert not names & {"fcntl", "resource", "pwd", "grp", "termios"}, module

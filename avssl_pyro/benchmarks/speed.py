@@ -3,6 +3,7 @@
 import contextlib
 import math
 import statistics
+import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -134,10 +135,18 @@ def _in_fresh_process(measure: Measure, config: SpeedConfig) -> Measurement:
 def _measured(measure: Measure, config: SpeedConfig) -> Measurement:
     keep_freed_memory()
     milliseconds = measure(config)
-    # Not on every system, and needed here only.
-    import resource  # noqa: PLC0415
+    return Measurement(milliseconds, _peak_gib())
 
-    return Measurement(milliseconds, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20)
+
+def _peak_gib() -> float:
+    """Most memory this process held; NaN on systems that do not report it."""
+    try:
+        import resource  # noqa: PLC0415
+    except ImportError:
+        return math.nan
+    # Linux counts in KiB, macOS in bytes.
+    unit = 1 if sys.platform == "darwin" else 2**10
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 2**30
 
 
 def _training(config: SpeedConfig) -> dict[str, float]:

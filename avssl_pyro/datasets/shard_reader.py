@@ -65,7 +65,7 @@ class ShardReader:
         if extension not in entry.files:
             raise InputError(f"{self.where(shard, position)} has no .{extension} file; make the scenes again.")
         offset, size = entry.files[extension]
-        return os.pread(descriptor, size, offset)
+        return _read_at(descriptor, size, offset)
 
     def where(self, shard: int, position: int) -> str:
         """Names a scene and its shard, for messages."""
@@ -89,7 +89,7 @@ class ShardReader:
             if problem is not None:
                 raise InputError(problem)
             self._checked[shard] = (status.st_size, status.st_mtime_ns)
-            descriptor = os.open(path, os.O_RDONLY)
+            descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
         except OSError as error:
             raise InputError(
                 f"shard {path} cannot be read ({error.strerror}); check that it exists and may be read."
@@ -98,3 +98,11 @@ class ShardReader:
         if len(self._descriptors) > _MAX_OPEN_SHARDS:
             os.close(self._descriptors.popitem(last=False)[1])
         return descriptor
+
+
+def _read_at(descriptor: int, size: int, offset: int) -> bytes:
+    # A forked process shares the position of its parent's file; where there is no pread, processes are not forked.
+    if hasattr(os, "pread"):
+        return os.pread(descriptor, size, offset)
+    os.lseek(descriptor, offset, os.SEEK_SET)
+    return os.read(descriptor, size)

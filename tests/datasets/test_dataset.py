@@ -186,3 +186,12 @@ def test_a_rendering_for_another_array_than_the_manifest_says_is_refused(make_sc
     path.write_text(json.dumps(json.loads(path.read_text()) | {"array": array.to_dict()}))
     with pytest.raises(InputError, match="has 4 channels; the manifest's array has 8"):
         SceneDataset(folder)[0]
+
+
+def test_shards_are_read_where_the_system_has_no_pread(
+    make_scenes: MakeScenes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = make_scenes().folder
+    expected = SceneDataset(folder)[1]
+    monkeypatch.delattr(os, "pread")
+    np.testing.assert_array_equal(SceneDataset(folder)[1].audio_mn, expected.audio_mn)
