@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DOCS_STAMP := $(VENV)/.installed-docs
 
-# More options for the demo, such as DEMO="--scenes 100 --optimization.epochs 1".
+# More options for the demo, such as DEMO="--num-scenes 100 --optimization.epochs 1".
 DEMO ?=
 
 .PHONY: demo test lint format notebooks docs clean

@@ -26,7 +26,7 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SCALING = (ROOT / "docs" / "scaling.md").read_text(encoding="utf-8")
 SMALL_TRAINING = {
-    "--scenes": "8",
+    "--num-scenes": "8",
     "--optimization.epochs": "1",
     "--optimization.batch-size": "2",
     "--optimization.num-workers": "0",
@@ -34,7 +34,7 @@ SMALL_TRAINING = {
 }
 # Options that make a command quick.
 SMALLER: dict[str, dict[str, str]] = {
-    "simulate": {"--scenes": "2", "--workers": "1"},
+    "simulate": {"--num-scenes": "2", "--workers": "1"},
     "train": SMALL_TRAINING,
     "evaluate": {"--num-test-scenes": "2", "--num-validation-scenes": "2", "--rounds": "2", "--workers": "1"},
     "localize": {"--rounds": "2"},

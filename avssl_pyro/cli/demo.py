@@ -24,11 +24,11 @@ class DemoOptions:
     """Folder of the results."""
     cache: Path = Path("cache")
     """Folder of the scenes."""
-    scenes: int = 3000
+    num_scenes: int = 3000
     """Training scenes."""
-    test_scenes: int = 200
+    num_test_scenes: int = 200
     """Test scenes."""
-    validation_scenes: int = 100
+    num_validation_scenes: int = 100
     """Scenes to tune thresholds on."""
     overlays: int = 6
     """Pictures to draw, of the first test scenes."""
@@ -82,7 +82,7 @@ def _train_and_compare(options: DemoOptions) -> None:
             PRESETS["quick"],
             out=options.out,
             cache=options.cache,
-            scenes=options.scenes,
+            num_scenes=options.num_scenes,
             optimization=options.optimization,
         ),
         on_end=save_run_curves,
@@ -92,12 +92,12 @@ def _train_and_compare(options: DemoOptions) -> None:
             (checkpoint,),
             out=options.out,
             cache=options.cache,
-            num_validation_scenes=options.validation_scenes,
-            num_test_scenes=options.test_scenes,
+            num_validation_scenes=options.num_validation_scenes,
+            num_test_scenes=options.num_test_scenes,
         )
     )
     system = load_checkpoint(checkpoint)
-    test = default_dataset(options.cache, TEST, "some-silent", options.test_scenes, system.config.array)
+    test = default_dataset(options.cache, TEST, "some-silent", options.num_test_scenes, system.config.array)
     draw_overlays(Localizer(system, refinement=RefinementConfig()), test, options.overlays, options.out)
 
 

@@ -32,7 +32,7 @@ class SimulateOptions:
 
     out: Path | None = None
     """Folder to write to; on a cluster one that all workers share."""
-    scenes: int = 2000
+    num_scenes: int = 2000
     """How many scenes."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
     """all-speak: two or three people, all talking; some-silent: two to four people, two or three of them talking."""
@@ -69,8 +69,8 @@ def main(args: Sequence[str] | None = None) -> int:
     options = parse(args)
     if options.verify is not None:
         return _verify(options.verify)
-    if options.scenes < 1:
-        raise InputError(f"--scenes is {options.scenes}; give a number of at least 1.")
+    if options.num_scenes < 1:
+        raise InputError(f"--num-scenes is {options.num_scenes}; give a number of at least 1.")
     if options.out is None and options.preview is None:
         raise InputError("say what to do: --out DIR makes scenes, --preview FILE.png shows some, --verify DIR checks.")
     simulator = _simulator(options)
@@ -118,13 +118,13 @@ def _generate(options: SimulateOptions, out: Path, simulator: SceneSimulator) ->
 
     for source in (simulator.speech, simulator.people, simulator.panoramas):
         print(f"from {source.describe()}")
-    plan = plan_scenes(out, simulator, options.scenes, options.shard_size)
+    plan = plan_scenes(out, simulator, options.num_scenes, options.shard_size)
     started = time.perf_counter()
     with _backend(options):
         manifest = generate(plan)
     size_mb = sum(shard.num_bytes for shard in manifest.shards) / 1e6
     seconds = time.perf_counter() - started
-    print(f"{out}: {options.scenes} scenes in {len(manifest.shards)} shards, {size_mb:.1f} MB, {seconds:.1f} s.")
+    print(f"{out}: {options.num_scenes} scenes in {len(manifest.shards)} shards, {size_mb:.1f} MB, {seconds:.1f} s.")
 
 
 @contextlib.contextmanager
@@ -158,7 +158,7 @@ def _preview(options: SimulateOptions, simulator: SceneSimulator) -> bytes:
     title = f"{options.condition}, seed {options.seed}, array {simulator.array.name}; solid: talks, dashed: silent"
     scenes: list[LabeledScene]
     if options.out is None:
-        scenes = [simulator.render(index) for index in range(min(options.scenes, PREVIEW_SCENES))]
+        scenes = [simulator.render(index) for index in range(min(options.num_scenes, PREVIEW_SCENES))]
         return contact_sheet(scenes, title)
     dataset = SceneDataset(options.out)
     count = min(len(dataset), PREVIEW_SCENES)

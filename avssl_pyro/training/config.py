@@ -93,7 +93,7 @@ class TrainingConfig:
     """Folders of shards made by simulate.py or prepare.py; by default a small set made here."""
     cache: Path = Path("cache")
     """Where the default set is kept."""
-    scenes: int = 3000
+    num_scenes: int = 3000
     """Size of the default set."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
     """Condition of the default set."""
@@ -131,10 +131,10 @@ _FAST = TrainingConfig(
 )
 PRESETS: dict[str, TrainingConfig] = {
     "quick": replace(_FAST, optimization=OptimizationConfig(epochs=3)),
-    "two-cores": replace(_FAST, preset="two-cores", scenes=16_000, optimization=OptimizationConfig(epochs=4)),
+    "two-cores": replace(_FAST, preset="two-cores", num_scenes=16_000, optimization=OptimizationConfig(epochs=4)),
     "paper": TrainingConfig(
         preset="paper",
-        scenes=20_000,
+        num_scenes=20_000,
         optimization=OptimizationConfig(epochs=200, warmup_steps=0, final_learning_rate=1.0),
     ),
     # Sec. V: eight classes for a crowd and exhibits, and levels that need not be sparse.

@@ -112,7 +112,8 @@ def _claim_run(options: TrainingConfig, array: MicrophoneArray, processes: int) 
     """Writes the settings of a run, or compares them with the run to be continued."""
     settings = {
         "array": array.to_dict(),
-        "data": [str(folder) for folder in options.data] or {"scenes": options.scenes, "condition": options.condition},
+        "data": [str(folder) for folder in options.data]
+        or {"scenes": options.num_scenes, "condition": options.condition},
         "start_from": options.start_from,
         "estimator": options.estimator,
         "precision": options.precision,
@@ -156,4 +157,4 @@ def _compare(path: Path, name: str, previous: object, now: object) -> None:
 def _dataset(options: TrainingConfig, array: MicrophoneArray, progress: bool) -> SceneDataset:
     if options.data:
         return SceneDataset(options.data, array)
-    return default_dataset(options.cache, TRAIN, options.condition, options.scenes, array, progress)
+    return default_dataset(options.cache, TRAIN, options.condition, options.num_scenes, array, progress)

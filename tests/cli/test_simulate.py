@@ -20,7 +20,7 @@ SCRIPT = Path(__file__).parents[2] / "scripts" / "simulate.py"
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("simulate") / "scenes"
-    assert main(["--out", str(out), "--scenes", "3", "--shard-size", "2", "--workers", "1", "--seed", "4"]) == 0
+    assert main(["--out", str(out), "--num-scenes", "3", "--shard-size", "2", "--workers", "1", "--seed", "4"]) == 0
     return out
 
 
@@ -63,7 +63,7 @@ def test_bad_input_is_one_sentence_with_exit_code_2(tmp_path: Path) -> None:
     ("args", "words"),
     [
         ([], "say what to do"),
-        (["--out", "x", "--scenes", "0"], "--scenes is 0"),
+        (["--out", "x", "--num-scenes", "0"], "--num-scenes is 0"),
         (["--out", "x", "--shard-size", "-1"], "scenes_per_shard is -1"),
         (["--out", "x", "--seed", "-1"], "--seed is -1"),
         (["--out", "x", "--array", "circle7"], "neither a preset"),
@@ -81,7 +81,9 @@ def test_impossible_wishes_are_refused_before_anything_is_written(
 
 def test_another_condition_in_the_same_folder_is_refused(folder: Path) -> None:
     with pytest.raises(InputError, match="'some-silent', not 'all-speak'"):
-        main(["--out", str(folder), "--scenes", "3", "--shard-size", "2", "--seed", "4", "--condition", "all-speak"])
+        main(
+            ["--out", str(folder), "--num-scenes", "3", "--shard-size", "2", "--seed", "4", "--condition", "all-speak"]
+        )
 
 
 def test_every_condition_can_be_asked_for() -> None:
@@ -91,7 +93,7 @@ def test_every_condition_can_be_asked_for() -> None:
 def test_a_dask_scheduler_makes_the_same_scenes(folder: Path, tmp_path: Path) -> None:
     cluster = distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None)  # type: ignore[no-untyped-call]
     with cluster:
-        args = ["--out", str(tmp_path), "--scenes", "3", "--shard-size", "2", "--seed", "4"]
+        args = ["--out", str(tmp_path), "--num-scenes", "3", "--shard-size", "2", "--seed", "4"]
         assert main([*args, "--scheduler", cluster.scheduler_address]) == 0
     made = json.loads((tmp_path / "manifest.json").read_text())
     assert made == json.loads((folder / "manifest.json").read_text())
@@ -100,7 +102,7 @@ def test_a_dask_scheduler_makes_the_same_scenes(folder: Path, tmp_path: Path) ->
 @pytest.mark.parametrize("stored", [True, False])
 def test_a_contact_sheet_of_stored_or_new_scenes_is_written(folder: Path, tmp_path: Path, stored: bool) -> None:
     sheet = tmp_path / "new" / "sheet.png"
-    args = ["--preview", str(sheet), "--scenes", "3", "--shard-size", "2", "--seed", "4"]
+    args = ["--preview", str(sheet), "--num-scenes", "3", "--shard-size", "2", "--seed", "4"]
     assert main([*args, "--out", str(folder)] if stored else args) == 0
     image_ijc = cv2.imread(str(sheet))
     assert image_ijc is not None

@@ -25,7 +25,7 @@ def options(folder: Path, out: Path, *more: str) -> list[str]:
 
 def test_a_preset_gives_defaults_that_options_override() -> None:
     paper = parse(["--preset", "paper", "--optimization.epochs", "3"])
-    assert (paper.scenes, paper.optimization.epochs) == (20_000, 3)
+    assert (paper.num_scenes, paper.optimization.epochs) == (20_000, 3)
     assert paper.optimization.learning_rate == 1e-3
     assert (paper.model.num_sources, paper.model.alpha, paper.model.sigma) == (4, 0.01, 1.0)
     assert paper.model.num_directions == 72
@@ -60,7 +60,7 @@ def test_help_explains_every_preset_and_option(capsys: pytest.CaptureFixture[str
 
 
 def test_without_data_a_small_set_is_made_and_cached(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["--cache", str(tmp_path / "cache"), "--scenes", "8", "--array", "circle4", *FAST]
+    arguments = ["--cache", str(tmp_path / "cache"), "--num-scenes", "8", "--array", "circle4", *FAST]
     main(["--out", str(tmp_path / "first"), *arguments])
     (manifest,) = (tmp_path / "cache").glob("*/manifest.json")
     made = manifest.stat().st_mtime_ns
