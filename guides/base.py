@@ -19,12 +19,16 @@ class GuideParameters(NamedTuple):
         sigma_bkd: standard deviations of log w, (B, K, D).
         concentration_bk: Dirichlet concentrations beta * pi_bar, (B, K).
         activation_bkij: 2-D activation maps of the visual network, (B, K, I', J').
+        diffuse_mu_bkc, diffuse_sigma_bkc: means and standard deviations of log e, (B, K, C), where the model has
+            diffuse weights.
     """
 
     mu_bkd: Tensor
     sigma_bkd: Tensor
     concentration_bk: Tensor
     activation_bkij: Tensor
+    diffuse_mu_bkc: Tensor | None = None
+    diffuse_sigma_bkc: Tensor | None = None
 
 
 class Initializer(Protocol):
@@ -70,7 +74,11 @@ class FixedGuide(nn.Module):
     ) -> None:
         super().__init__()
         self._parameters_of_clips = parameters
-        mu_bkd, sigma_bkd, concentration_bk, _ = parameters
+        mu_bkd, sigma_bkd, concentration_bk = parameters[:3]
+        self._diffuse_posterior: TorchDistribution | None = None
+        if parameters.diffuse_mu_bkc is not None:
+            assert parameters.diffuse_sigma_bkc is not None
+            self._diffuse_posterior = dist.LogNormal(parameters.diffuse_mu_bkc, parameters.diffuse_sigma_bkc).to_event(2)
         self._direction_posterior = direction_posterior or dist.LogNormal(mu_bkd, sigma_bkd).to_event(2)
         self._level_posterior = level_posterior or (lambda _: dist.Dirichlet(concentration_bk))
 
@@ -78,6 +86,8 @@ class FixedGuide(nn.Module):
         with pyro.plate("clip", len(self._parameters_of_clips.mu_bkd), dim=-1):
             w_bkd = pyro.sample("direction_weights", self._direction_posterior)
             pyro.sample("mixing_levels", self._level_posterior(w_bkd))
+            if self._diffuse_posterior is not None:
+                pyro.sample("diffuse_weights", self._diffuse_posterior)
 
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:  # noqa: ARG002
         """The known parameters."""

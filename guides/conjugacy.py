@@ -6,6 +6,7 @@ be swapped in. For others there are guides fitted by gradients, see :mod:`avssl_
 
 from typing import Protocol, runtime_checkable
 
+import torch.nn.functional as F
 from torch import Tensor
 
 from avssl_pyro.distributions.e_step import DensityGenerator
@@ -43,6 +44,15 @@ class HasDensityGenerator(Protocol):
         ...
 
 
+@runtime_checkable
+class WeighsBins(Protocol):
+    """A likelihood in which some time-frequency bins count more than others."""
+
+    def bin_weights(self, observed: ObservedSpectrogram) -> Tensor:
+        """Weights of the bins of a whole spectrogram, (B, F, T)."""
+        ...
+
+
 def check_map_em(model: SpatialCGMM) -> None:
     """Refuses a model whose posterior MAP-EM cannot maximise.
 
@@ -70,12 +80,12 @@ def map_em_of(
     frame_step: int = 1,
     prior_mean: Tensor | float = 0.0,
 ) -> MapEM:
-    """MAP-EM of p(w, pi | x) for a batch of clips.
+    """MAP-EM of p(w, pi | x) for a batch of clips; with a room, its diffuse weights follow those of directions.
 
     Args:
         model: model that passed :func:`check_map_em`.
         x_bfmt: spectrograms, complex (B, F, M, T).
-        like_bkd: tensor with dtype, device and shape of the log-weights.
+        like_bkd: tensor with dtype, device and shape of the log direction weights.
         bin_step, frame_step: strides over frequencies and frames; those used stand for the others.
         prior_mean: mean of log w, as of :class:`MapEM`.
     """
@@ -85,14 +95,24 @@ def map_em_of(
     assert isinstance(likelihood, HasDensityGenerator)
     _, num_sources, num_directions = like_bkd.shape
     observed = observe(x_bfmt[:, ::bin_step, :, ::frame_step])
-    _, f, _, t = observed.features_bfct.shape
+    weight_bft = None
+    if isinstance(likelihood, WeighsBins):
+        # Of the whole spectrogram: what went before a frame is known from all of them.
+        weight_bft = likelihood.bin_weights(observe(x_bfmt))[:, ::bin_step, ::frame_step]
+    prior = directions.of_log_weights(num_directions, like_bkd)
+    if model.room is not None:
+        prior = model.room.with_directions(prior)
+        if isinstance(prior_mean, Tensor):
+            prior_mean = F.pad(prior_mean, (0, model.room.num_components))
+    _, bins, _, t = observed.features_bfct.shape
     return MapEM(
         observed,
         model.template_dfmm[:, ::bin_step],
         model.diffuse,
         likelihood.density_generator(observed),
-        directions.of_log_weights(num_directions, like_bkd),
+        prior,
         levels.pseudo_counts(num_sources, like_bkd),
-        weight=model.bin_weight * x_bfmt.shape[1] * x_bfmt.shape[-1] / (f * t),
+        weight=model.bin_weight * x_bfmt.shape[1] * x_bfmt.shape[-1] / (bins * t),
         prior_mean=prior_mean,
+        bin_weight_bft=weight_bft,
     )

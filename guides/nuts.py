@@ -163,7 +163,7 @@ class NutsGuide(ClipFittedGuide):
             start = self.start.parameters_of(x_bfmt, image_bcij)
         draws = []
         for b, clip in enumerate(zip(x_bfmt, image_bcij, strict=True)):
-            known = FixedGuide(GuideParameters(*(value[b : b + 1] for value in start)))
+            known = FixedGuide(GuideParameters(*(None if value is None else value[b : b + 1] for value in start)))
             draws.append(sample_posterior(known, self.model, *clip, self.config))
         mu_bkd, sigma_bkd, concentration_bk = (
             torch.stack(values).to(start.mu_bkd) for values in zip(*(clip.moments() for clip in draws), strict=True)

@@ -6,6 +6,8 @@ from the expected information, see :mod:`avssl_pyro.distributions.map_em`. Prior
 model, see :mod:`avssl_pyro.guides.conjugacy` for those that can be swapped.
 """
 
+import math
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -71,15 +73,30 @@ class RefinedGuide(ClipFittedGuide):
             frame_step=config.frame_step,
             prior_mean=config.image_weight * mu_bkd,
         )
-        state = map_em.fit(config.softening * mu_bkd, config.rounds, tolerance=config.tolerance)
-        sigma_bkd, concentration_bk = map_em.uncertainty(state)
+        components = 0 if self.model.room is None else self.model.room.num_components
+        start_bkj = with_diffuse_start(config.softening * mu_bkd, components, config.diffuse_start)
+        state = map_em.fit(start_bkj, config.rounds, tolerance=config.tolerance)
+        sigma_bkj, concentration_bk = map_em.uncertainty(state)
+        d = mu_bkd.shape[-1]
+        log_w_bkd = state.log_w_bkd[..., :d]
         parameters = GuideParameters(
-            mu_bkd=state.log_w_bkd,
-            sigma_bkd=sigma_bkd,
+            mu_bkd=log_w_bkd,
+            sigma_bkd=sigma_bkj[..., :d],
             concentration_bk=concentration_bk.clamp_min(LEAST_CONCENTRATION),
-            activation_bkij=activation_bkij + _over_columns(state.log_w_bkd - mu_bkd, activation_bkij),
+            activation_bkij=activation_bkij + _over_columns(log_w_bkd - mu_bkd, activation_bkij),
+            diffuse_mu_bkc=state.log_w_bkd[..., d:] if components else None,
+            diffuse_sigma_bkc=sigma_bkj[..., d:] if components else None,
         )
         return FixedGuide(parameters)
+
+
+def with_diffuse_start(log_w_bkd: Tensor, components: int, share: float) -> Tensor:
+    """Log-weights with as many equal diffuse ones after them, together the given share of the sum, (B, K, D + C)."""
+    if components == 0:
+        return log_w_bkd
+    ratio = share / (1 - share) / components
+    log_e_bk1 = log_w_bkd.logsumexp(-1, keepdim=True) + math.log(ratio)
+    return torch.cat([log_w_bkd, log_e_bk1.expand(*log_e_bk1.shape[:-1], components)], dim=-1)
 
 
 def _over_columns(change_bkd: Tensor, activation_bkij: Tensor) -> Tensor:

@@ -77,9 +77,17 @@ class ExplicitMaskCGMM(SpatialCGMM):
         self.steering_pairs: Tensor
         self.register_buffer("steering_pairs", torch.view_as_real(steering_fdm), persistent=False)
 
+    def _covariances(self, w_bkd: Tensor) -> Tensor:
+        """H_fk without eps, complex (F, B, K, M, M)."""
+        share_bkd = (w_bkd / w_bkd.sum(-1, keepdim=True)).to(self.template_dfmm.dtype)
+        if self.room is not None:
+            return torch.einsum("bkd,dfmn->fbkmn", share_bkd, self.template_dfmm)
+        steering_fdm = torch.view_as_complex(self.steering_pairs)
+        return torch.einsum("bkd,fdm,fdn->fbkmn", share_bkd, steering_fdm, steering_fdm.conj())
+
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:  # noqa: ARG002
-        steering_fdm, like = torch.view_as_complex(self.steering_pairs), self.steering_pairs
-        f, d, m = steering_fdm.shape
+        like = self.steering_pairs
+        f, d, m, _ = like.shape
         b, t = x_bfmt.shape[0], x_bfmt.shape[-1]
         clip_plate = pyro.plate("clip", b, dim=-1)
         frame_plate = pyro.plate("frame", t, dim=-2)
@@ -87,8 +95,8 @@ class ExplicitMaskCGMM(SpatialCGMM):
         with clip_plate:
             w_bkd = pyro.sample("direction_weights", self.direction_prior(self.num_sources, d, like))
             pi_bk = pyro.sample("mixing_levels", self.level_prior(self.num_sources, like))
-        share_bkd = (w_bkd / w_bkd.sum(-1, keepdim=True)).to(steering_fdm.dtype)
-        scm_fbkmn = torch.einsum("bkd,fdm,fdn->fbkmn", share_bkd, steering_fdm, steering_fdm.conj())
+            w_bkd = self._with_diffuse_weights(w_bkd)
+        scm_fbkmn = self._covariances(w_bkd)
         scm_fbkmn = scm_fbkmn + self.diffuse * torch.eye(m, dtype=scm_fbkmn.dtype, device=scm_fbkmn.device)
         precision_f1bkmn = torch.linalg.inv(scm_fbkmn)[:, None]
         logdet_f1bk = torch.linalg.slogdet(scm_fbkmn).logabsdet[:, None]

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from avssl_pyro.distributions.activity_mixture import ActivityMixture
 from avssl_pyro.distributions.e_step import DensityGenerator
+from avssl_pyro.distributions.precedence import PrecedenceMixture, log_decay_of, precedence_weights
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
 from avssl_pyro.distributions.student_mixture import StudentMixture
@@ -53,6 +54,42 @@ class ProfiledGaussian:
     def density_generator(self, observed: ObservedSpectrogram) -> DensityGenerator:
         """Power and offset for :class:`avssl_pyro.distributions.map_em.MapEM`."""
         return DensityGenerator(observed.num_microphones, observed.num_microphones * observed.floor_b)
+
+
+@frozen
+class PrecedenceGaussian:
+    """:class:`ProfiledGaussian` in which onsets count more than what may be their reverberation.
+
+    Args:
+        decay_s: time in which reverberation is taken to fall by 60 dB, seconds.
+        frame_s: time from frame to frame, seconds.
+        least: least weight of a bin before weights are scaled to mean 1.
+    """
+
+    decay_s: float = field(default=0.5, validator=positive)
+    frame_s: float = field(default=0.01, validator=positive)
+    least: float = field(default=0.05, validator=between(0, 1))
+
+    def __call__(
+        self, template_dfmm: Tensor, w_bkd: Tensor, pi_bk: Tensor, num_frames: int, diffuse: float
+    ) -> PrecedenceMixture:
+        return PrecedenceMixture(
+            template_dfmm,
+            w_bkd,
+            pi_bk,
+            num_frames=num_frames,
+            diffuse=diffuse,
+            log_decay=log_decay_of(self.decay_s, self.frame_s),
+            least=self.least,
+        )
+
+    def density_generator(self, observed: ObservedSpectrogram) -> DensityGenerator:
+        """Power and offset for :class:`avssl_pyro.distributions.map_em.MapEM`."""
+        return DensityGenerator(observed.num_microphones, observed.num_microphones * observed.floor_b)
+
+    def bin_weights(self, observed: ObservedSpectrogram) -> Tensor:
+        """Weights c_tf of the bins of a whole spectrogram, (B, F, T)."""
+        return precedence_weights(observed, log_decay_of(self.decay_s, self.frame_s), self.least)
 
 
 @frozen

@@ -10,6 +10,7 @@
     w_kd ~ LogNormal(0, sigma_0^2)          direction_weights, Eq. (11)
     pi   ~ Dir(alpha_0)                     mixing_levels
     H_fk = sum_d w_kd a_fd a_fd^H + eps I   Eq. (10), weights normalised to sum 1
+    with a room also sum_c e_kc Gamma_fc   diffuse_weights, see avssl_pyro.models.room
     x_tf ~ sum_k pi_k N_C(0, lambda_tfk H_fk)   spectrogram, Eqs. (8), (15), (16)
 """
 
@@ -24,6 +25,7 @@ from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
 from avssl_pyro.errors import InputError
 from avssl_pyro.models.likelihoods import Likelihood, ProfiledGaussian
 from avssl_pyro.models.priors import DirectionPrior, LevelPrior, LogNormalWeights, SparseDirichlet
+from avssl_pyro.models.room import Room
 from avssl_pyro.validators import at_least, positive
 
 
@@ -39,9 +41,11 @@ class SpatialCGMM(PyroModule):
         bin_weight: multiplicity of every observed time-frequency bin where others were left out (a subsampled plate);
             it balances the likelihood against the priors.
         likelihood: p(x | w, pi) (site ``spectrogram``).
+        room: diffuse share of every class (site ``diffuse_weights``) and templates of the directions in place of those
+            of ``steering_fdm``; None for the paper's model.
 
     Raises:
-        InputError: a number is out of its range, or a prior has another shape than the model.
+        InputError: a number is out of its range, or a prior or the room has another shape than the model.
 
     >>> import pyro
     >>> from avssl_pyro.acoustics.grid import DirectionGrid
@@ -64,6 +68,7 @@ class SpatialCGMM(PyroModule):
         diffuse: float = 0.1,
         bin_weight: float = 1.0,
         likelihood: Likelihood = ProfiledGaussian(),  # noqa: B008
+        room: Room | None = None,
     ) -> None:
         super().__init__()
         at_least(1).check_value("SpatialCGMM", "num_sources", num_sources)
@@ -75,10 +80,20 @@ class SpatialCGMM(PyroModule):
         self.diffuse = diffuse
         self.bin_weight = bin_weight
         self.likelihood = likelihood
+        self.room = room
         # Kept as real pairs: module.to(dtype) and the buffer broadcast of data parallelism mishandle complex buffers.
         self.template_pairs: Tensor
-        self.register_buffer("template_pairs", torch.view_as_real(template_covariances(steering_fdm)), persistent=False)
-        like, num_directions = self.template_pairs, steering_fdm.shape[1]
+        template_dfmm = template_covariances(steering_fdm)
+        if room is not None:
+            if room.direction_dfmm.shape != template_dfmm.shape:
+                raise InputError(
+                    f"SpatialCGMM: the room's templates are {tuple(room.direction_dfmm.shape)}; those of the steering "
+                    f"vectors are {tuple(template_dfmm.shape)}."
+                )
+            template_dfmm = room.template_jfmm.to(template_dfmm)
+        self.register_buffer("template_pairs", torch.view_as_real(template_dfmm), persistent=False)
+        self.num_directions = steering_fdm.shape[1]
+        like, num_directions = self.template_pairs, self.num_directions
         _check_shape("level_prior", level_prior(num_sources, like), (num_sources,))
         _check_shape(
             "direction_prior", direction_prior(num_sources, num_directions, like), (num_sources, num_directions)
@@ -86,19 +101,27 @@ class SpatialCGMM(PyroModule):
 
     @property
     def template_dfmm(self) -> Tensor:
-        """Templates G_fd = a_fd a_fd^H, complex (D, F, M, M)."""
+        """Templates G_fd = a_fd a_fd^H, complex (D, F, M, M); with a room its own, (D + C, F, M, M)."""
         return torch.view_as_complex(self.template_pairs)
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:  # noqa: ARG002
-        like, num_directions = self.template_pairs, self.template_pairs.shape[0]
+        like = self.template_pairs
         # Sums of a million log-likelihoods need full precision, also where the networks run in half.
         full_precision = torch.autocast(x_bfmt.device.type, enabled=False)
         with full_precision, pyro.plate("clip", x_bfmt.shape[0], dim=-1):
-            w_bkd = pyro.sample("direction_weights", self.direction_prior(self.num_sources, num_directions, like))
+            w_bkd = pyro.sample("direction_weights", self.direction_prior(self.num_sources, self.num_directions, like))
             pi_bk = pyro.sample("mixing_levels", self.level_prior(self.num_sources, like))
+            w_bkd = self._with_diffuse_weights(w_bkd)
             of_x = self.likelihood(self.template_dfmm, w_bkd, pi_bk, x_bfmt.shape[-1], self.diffuse)
             with pyro.poutine.scale(scale=self.bin_weight):
                 pyro.sample("spectrogram", of_x, obs=x_bfmt)
+
+    def _with_diffuse_weights(self, w_bkd: Tensor) -> Tensor:
+        """Weights of all templates, those of the room's diffuse components last."""
+        if self.room is None:
+            return w_bkd
+        e_bkc = pyro.sample("diffuse_weights", self.room.prior(self.num_sources, self.template_pairs))
+        return torch.cat([w_bkd, e_bkc], dim=-1)
 
 
 def _check_shape(role: str, prior: TorchDistribution, event_shape: tuple[int, ...]) -> None:

@@ -29,17 +29,50 @@ class ClosedFormTerms:
 
 def log_likelihood(x_bfmt: Tensor, steering_fdm: Tensor, w_bkd: Tensor, pi_bk: Tensor, diffuse: float) -> Tensor:
     """log p(x | w, pi) of Eq. (15) with lambda of Eq. (16), (B,)."""
-    m = x_bfmt.shape[-2]
     share_bkd = (w_bkd / w_bkd.sum(-1, keepdim=True)).to(steering_fdm.dtype)
-    eye_mm = torch.eye(m, dtype=steering_fdm.dtype)
-    scm_bkfmn = torch.einsum("bkd,fdm,fdn->bkfmn", share_bkd, steering_fdm, steering_fdm.conj()) + diffuse * eye_mm
+    scm_bkfmn = torch.einsum("bkd,fdm,fdn->bkfmn", share_bkd, steering_fdm, steering_fdm.conj())
+    return _log_density(x_bfmt, scm_bkfmn, pi_bk, diffuse).sum((-2, -1))
+
+
+def room_log_likelihood(
+    x_bfmt: Tensor,
+    direction_dfmm: Tensor,
+    diffuse_cfmm: Tensor,
+    w_bkd: Tensor,
+    e_bkc: Tensor,
+    pi_bk: Tensor,
+    diffuse: float,
+    bin_weight_bft: Tensor | None = None,
+) -> Tensor:
+    """log p(x | w, e, pi) of a model with a room, (B,).
+
+    Args:
+        x_bfmt: spectrograms.
+        direction_dfmm, diffuse_cfmm: templates of directions and of diffuse components.
+        w_bkd, e_bkc, pi_bk: their weights, and the mixing levels.
+        diffuse: eps relative to all weights of a class together.
+        bin_weight_bft: weights of the bins; None for 1.
+    """
+    total_bk1 = w_bkd.sum(-1, keepdim=True) + e_bkc.sum(-1, keepdim=True)
+    dtype = direction_dfmm.dtype
+    scm_bkfmn = torch.einsum("bkd,dfmn->bkfmn", (w_bkd / total_bk1).to(dtype), direction_dfmm)
+    scm_bkfmn = scm_bkfmn + torch.einsum("bkc,cfmn->bkfmn", (e_bkc / total_bk1).to(dtype), diffuse_cfmm)
+    log_density_bft = _log_density(x_bfmt, scm_bkfmn, pi_bk, diffuse)
+    weighted_bft = log_density_bft if bin_weight_bft is None else bin_weight_bft * log_density_bft
+    return weighted_bft.sum((-2, -1))
+
+
+def _log_density(x_bfmt: Tensor, scm_bkfmn: Tensor, pi_bk: Tensor, diffuse: float) -> Tensor:
+    """log p(x_tf) with eps still to be added to the covariances, (B, F, T)."""
+    m = x_bfmt.shape[-2]
+    scm_bkfmn = scm_bkfmn + diffuse * torch.eye(m, dtype=scm_bkfmn.dtype)
     solved_bkfmt = torch.linalg.solve(scm_bkfmn, x_bfmt[:, None])
     quad_bkft = (x_bfmt[:, None].conj() * solved_bkfmt).sum(-2).real
     floor_b = RELATIVE_POWER_FLOOR * x_bfmt.abs().square().mean((1, 2, 3))
     psd_bkft = quad_bkft / m + floor_b[:, None, None, None]
     logdet_bkf = torch.linalg.slogdet(scm_bkfmn).logabsdet
     log_gauss_bkft = -m * torch.log(math.pi * psd_bkft) - logdet_bkf[..., None] - m
-    return torch.logsumexp(pi_bk.log()[..., None, None] + log_gauss_bkft, dim=1).sum((-2, -1))
+    return torch.logsumexp(pi_bk.log()[..., None, None] + log_gauss_bkft, dim=1)
 
 
 def kl_log_normal(mu_bkd: Tensor, sigma_k: Tensor, prior_sigma: float) -> Tensor:

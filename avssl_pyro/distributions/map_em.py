@@ -84,6 +84,9 @@ class MapEM:
         alpha: concentration of the Dirichlet prior of mixing levels, a number or (K,).
         weight: multiplicity of every observed bin; a thinned spectrogram keeps its balance with the priors.
         prior_mean: mean of log w, broadcast against (B, K, D); 0, or a share of the visual network's mu.
+        bin_weight_bft: weights of single bins, as of :class:`EStep`.
+
+    Templates may be of any rank; diffuse components are further ones, with their weights beside those of directions.
     """
 
     def __init__(
@@ -96,8 +99,9 @@ class MapEM:
         alpha: Tensor | float,
         weight: float = 1.0,
         prior_mean: Tensor | float = 0.0,
+        bin_weight_bft: Tensor | None = None,
     ) -> None:
-        self._e_step = EStep(observed, template_dfmm, diffuse, density_generator)
+        self._e_step = EStep(observed, template_dfmm, diffuse, density_generator, bin_weight_bft)
         self._prior = prior
         self._prior_mean = prior_mean
         self._alpha = alpha
@@ -177,7 +181,7 @@ class MapEM:
         Both come from the expected information of bins whose masks are not observed, and from the priors.
         """
         expected = self._e_step(state.log_w_bkd, state.pi_bk)
-        square_bkf = expected.gamma_bfkt.square().sum(-1).transpose(-2, -1)
+        square_bkf = self._e_step.square_responsibilities(expected)
         weight_bkfd = state.log_w_bkd.softmax(-1)[:, :, None]
         information_bkfd = weight_bkfd.square() * self._e_step.information(expected.inverse_bkfmm)
         precision_bkd = self._weight * (square_bkf[..., None] * information_bkfd).sum(-2).clamp_min(0)

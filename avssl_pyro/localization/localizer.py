@@ -136,6 +136,7 @@ class Localizer:
 
     def _summaries(self, parameters: GuideParameters) -> list[ClipPosterior]:
         share_bkd = parameters.mu_bkd.softmax(-1)
+        diffuse_bk = _diffuse_share(parameters)
         level_bk, level_std_bk = self._levels(parameters)
         std_bk = self._azimuth_std(parameters)
         return [
@@ -145,6 +146,7 @@ class Localizer:
                 level_std_k=level_std_bk[b].double().cpu().numpy(),
                 azimuth_std_k=std_bk[b].double().cpu().numpy(),
                 activations_kij=parameters.activation_bkij[b].float().cpu().numpy(),
+                diffuse_share_k=None if diffuse_bk is None else diffuse_bk[b].double().cpu().numpy(),
             )
             for b in range(share_bkd.shape[0])
         ]
@@ -181,6 +183,14 @@ def _default_thresholds(guide: PosteriorGuide, audio_only: bool) -> SourceThresh
     if audio_only:
         return AUDIO_ONLY_THRESHOLDS
     return REFINED_THRESHOLDS if getattr(guide, "fits_each_clip", False) else ONE_PASS_THRESHOLDS
+
+
+def _diffuse_share(parameters: GuideParameters) -> Tensor | None:
+    """Share of the diffuse weights in all weights of a class, (B, K), or None where there are none."""
+    if parameters.diffuse_mu_bkc is None:
+        return None
+    all_bkj = torch.cat([parameters.mu_bkd, parameters.diffuse_mu_bkc], dim=-1).softmax(-1)
+    return all_bkj[..., parameters.mu_bkd.shape[-1] :].sum(-1)
 
 
 def _silent(posterior: ClipPosterior) -> ClipPosterior:

@@ -22,6 +22,8 @@ class ClipPosterior:
         level_std_k: their posterior standard deviations, (K,).
         azimuth_std_k: posterior standard deviation of every class's peak direction, (K,), radians.
         activations_kij: 2-D activation maps over the image, (K, I', J'), or None without an image.
+        diffuse_share_k: share of diffuse sound in the weights of every class, (K,), which the row sums of 1 leave out;
+            None where the model has no diffuse weights.
 
     >>> weights_kd = np.full((2, 72), 1 / 72)
     >>> ClipPosterior(weights_kd, np.array([0.6, 0.4]), np.full(2, 0.01), np.full(2, 0.02)).mixing_levels_k.sum()
@@ -33,6 +35,7 @@ class ClipPosterior:
     level_std_k: npt.NDArray[np.float64]
     azimuth_std_k: npt.NDArray[np.float64]
     activations_kij: npt.NDArray[np.float32] | None = None
+    diffuse_share_k: npt.NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True)
@@ -142,8 +145,13 @@ def select_sources(
         for k, weights_d in enumerate(posterior.direction_weights_kd)
         if posterior.mixing_levels_k[k] >= thresholds.level and weights_d.max() >= thresholds.peak
     ]
+    return merge_close(sources, thresholds.merge_deg)
+
+
+def merge_close(sources: list[LocalizedSource], merge_deg: float) -> tuple[LocalizedSource, ...]:
+    """The sources with those closer than ``merge_deg`` degrees made one, whose levels add; loudest first."""
     # Merging moves a source, perhaps close to another; so the closest pair goes first, until none is left.
-    while pair := _closest_pair(sources, np.deg2rad(thresholds.merge_deg)):
+    while pair := _closest_pair(sources, np.deg2rad(merge_deg)):
         sources = [source for source in sources if source not in pair]
         sources.append(_merge(*sorted(pair, key=lambda source: -source.level)))
     return tuple(sorted(sources, key=lambda source: -source.level))
