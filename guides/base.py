@@ -78,7 +78,9 @@ class FixedGuide(nn.Module):
         self._diffuse_posterior: TorchDistribution | None = None
         if parameters.diffuse_mu_bkc is not None:
             assert parameters.diffuse_sigma_bkc is not None
-            self._diffuse_posterior = dist.LogNormal(parameters.diffuse_mu_bkc, parameters.diffuse_sigma_bkc).to_event(2)
+            self._diffuse_posterior = dist.LogNormal(parameters.diffuse_mu_bkc, parameters.diffuse_sigma_bkc).to_event(
+                2
+            )
         self._direction_posterior = direction_posterior or dist.LogNormal(mu_bkd, sigma_bkd).to_event(2)
         self._level_posterior = level_posterior or (lambda _: dist.Dirichlet(concentration_bk))
 

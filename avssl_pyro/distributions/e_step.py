@@ -120,7 +120,11 @@ class EStep:
         square_bkfmm = inverse_bkfmm @ inverse_bkfmm
         first_bkfd, second_bkfd = self._project_per_bin(inverse_bkfmm), self._project_per_bin(square_bkfmm)
         trace_bkf1, square_bkf1 = trace(inverse_bkfmm)[..., None], trace(square_bkfmm)[..., None]
-        twice_bkfd = self._form_squares(inverse_bkfmm, first_bkfd) + 2 * self._diffuse * second_bkfd + self._diffuse**2 * square_bkf1
+        twice_bkfd = (
+            self._form_squares(inverse_bkfmm, first_bkfd)
+            + 2 * self._diffuse * second_bkfd
+            + self._diffuse**2 * square_bkf1
+        )
         once_bkfd = first_bkfd + self._diffuse * trace_bkf1
         return (self.power * twice_bkfd - once_bkfd.square()) / (self.power + 1)
 
