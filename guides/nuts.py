@@ -127,8 +127,16 @@ def sample_posteriors(
     Clips are independent, so a trajectory in the product of their posteriors is one in each. Its steps are somewhat
     shorter, but for small clips a gradient of many costs little more than one of a single clip. Steps, gradients and
     divergences are those of all clips together.
+
+    Raises:
+        InputError: the model has a room.
     """
     config = NutsConfig() if config is None else config
+    if getattr(model, "room", None) is not None:
+        raise InputError(
+            "NUTS draws direction weights and mixing levels, and this model has diffuse weights as well; use a "
+            "RefinedGuide, or a model without a room."
+        )
     with torch.no_grad(), poutine.block():
         answer = start.parameters_of(x_bfmt, image_bcij)
     # The log-likelihood has five to seven digits before the point, and acceptance depends on one after it.
@@ -163,7 +171,7 @@ class NutsGuide(ClipFittedGuide):
             start = self.start.parameters_of(x_bfmt, image_bcij)
         draws = []
         for b, clip in enumerate(zip(x_bfmt, image_bcij, strict=True)):
-            known = FixedGuide(GuideParameters(*(None if value is None else value[b : b + 1] for value in start)))
+            known = FixedGuide(GuideParameters(*(value[b : b + 1] for value in start[:4])))
             draws.append(sample_posterior(known, self.model, *clip, self.config))
         mu_bkd, sigma_bkd, concentration_bk = (
             torch.stack(values).to(start.mu_bkd) for values in zip(*(clip.moments() for clip in draws), strict=True)
