@@ -4,6 +4,7 @@ __all__ = [
     "amortized",
     "base",
     "conjugacy",
+    "diffuse",
     "gaussian_families",
     "initializers",
     "nuts",

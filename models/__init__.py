@@ -4,6 +4,7 @@ __all__ = [
     "explicit_masks",
     "likelihoods",
     "priors",
+    "room",
     "spatial_cgmm",
     "tracking",
 ]

@@ -7,6 +7,7 @@ __all__ = [
     "grid",
     "measured",
     "presets",
+    "room_templates",
     "sofa",
     "spherical",
     "steering",

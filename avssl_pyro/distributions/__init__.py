@@ -2,9 +2,11 @@
 
 __all__ = [
     "activity_mixture",
+    "diffuse_prior",
     "e_step",
     "log_weight_priors",
     "map_em",
+    "precedence",
     "profiled_gaussian",
     "seeded",
     "simplex",

@@ -1,6 +1,7 @@
 """Localization of clips: posteriors, sources and results."""
 
 __all__ = [
+    "direct_level",
     "localizer",
     "posterior",
     "results",

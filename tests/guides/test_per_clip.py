@@ -158,5 +158,5 @@ def test_a_start_of_emptied_classes_stays_finite(model: SpatialCGMM, data: tuple
             ).parameters_of(x_bfmt, image_bcij)
             return parameters._replace(concentration_bk=torch.tensor([[1e-3, 1e7, 1e-3]] * B))
 
-    for value in PerClipGuide(Emptied(), model, MeanField(), QUICK).parameters_of(*data):
+    for value in PerClipGuide(Emptied(), model, MeanField(), QUICK).parameters_of(*data)[:4]:
         assert torch.isfinite(value).all()
