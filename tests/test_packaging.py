@@ -2,6 +2,7 @@
 
 import ast
 import importlib
+import json
 import os
 import subprocess
 import sys
@@ -267,6 +268,14 @@ for model in (av.load("circle2"), trained):
     result = model.localize(scenes[0].audio_mn, scenes[0].image_ijc)
     print(result.to_dict()["format"], result.plot().shape[1])
 print(av.__file__)
+import soundfile
+soundfile.write("clip.wav", scenes[0].audio_mn.T, 16_000, subtype="FLOAT")
+"""
+COMMAND = """
+import sys
+from avssl_pyro.cli.app import entry_point
+sys.argv[1:] = {words!r}
+entry_point()
 """
 
 
@@ -276,8 +285,14 @@ def test_a_wheel_simulates_trains_and_localizes_outside_the_checkout(wheel: Path
     folder.mkdir()
     said = python(FRONT_DOOR, folder, PYTHONPATH=str(target), OMP_NUM_THREADS="1").split()
     assert said == ["avssl-result/1", "1152"] * 2 + [str(target / "avssl_pyro" / "__init__.py")]
-    code = "import sys; sys.argv[1:] = ['--version']; from avssl_pyro.cli.app import entry_point; entry_point()"
-    assert PROJECT["project"]["version"] in python(code, folder, PYTHONPATH=str(target))
+    version = python(COMMAND.format(words=["--version"]), folder, PYTHONPATH=str(target))
+    assert version == f"avssl {PROJECT['project']['version']}"
+    words = ["localize", "--audio", "clip.wav", "--array", "circle2"]
+    result = json.loads(python(COMMAND.format(words=words), folder, PYTHONPATH=str(target), OMP_NUM_THREADS="1"))
+    assert (result["format"], result["audio"]) == ("avssl-result/1", "clip.wav")
+    with zipfile.ZipFile(wheel) as archive:
+        (scripts,) = (name for name in archive.namelist() if name.endswith(".dist-info/entry_points.txt"))
+        assert "avssl = avssl_pyro.cli.app:entry_point" in archive.read(scripts).decode()
 
 
 def test_imports_need_nothing_that_only_unix_has() -> None:
