@@ -116,7 +116,7 @@ def test_a_checkpoint_without_its_measured_responses_is_damaged(
 
 def test_rooms_are_not_simulated_for_measured_responses(write_sofa: Callable[..., Path]) -> None:
     steering = MeasuredKind.read(write_sofa(PRESETS["circle2"], np.arange(0.0, 360.0, 10.0)))
-    with pytest.raises(InputError, match=r"array 'measured' has .* from above and below; give recordings"):
+    with pytest.raises(InputError, match=r"array 'measured' is described by .* from above and below; give recordings"):
         SceneSimulator(array=MicrophoneArray("measured", steering=steering))
 
 
