@@ -12,23 +12,16 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from avssl_pyro.cli.options import AlignmentOptions, parse_options
-from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
     from avssl_pyro.acoustics.array import MicrophoneArray
+    from avssl_pyro.clip import Clip
     from avssl_pyro.diagnosis.finding import Finding
-    from avssl_pyro.recordings.recording import Recording, VideoFile
     from avssl_pyro.systems.system import System
 
 EXIT_FINDINGS = 1
 FORMAT = "avssl-diagnosis/1"
-# Sound and picture are compared over this much of a recording; its frames are looked at this small.
-LAG_SECONDS = 60.0
-LAG_PICTURE = (96, 48)
 
 
 @dataclass(frozen=True)
@@ -96,6 +89,7 @@ def _examine_shards(folder: Path, options: DoctorOptions, system: System | None)
 
 def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -> tuple[Finding, ...]:
     from avssl_pyro.diagnosis.examination import examine
+    from avssl_pyro.diagnosis.recording_samples import check_recording_lag, spread_clips
     from avssl_pyro.diagnosis.synchronization import check_durations
     from avssl_pyro.io.images import read_image
     from avssl_pyro.recordings.excerpts import read_excerpts
@@ -114,9 +108,9 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
     if recording.video is not None:
         audio_file, video = recording.audio, recording.video
         findings += check_durations(audio_file.duration_s, audio_file.sample_rate, video.duration_s)
-        findings += _lag(recording, video)
+        findings += check_recording_lag(recording, video, progress=True)
     if looks:
-        findings += _camera(options, system, array, _clips(recording, still_ijc))
+        findings += _camera(options, system, array, spread_clips(recording, still_ijc))
     return findings
 
 
@@ -148,49 +142,6 @@ def _camera(
         return ()
     given = Turn(options.alignment.mirror, options.alignment.yaw) if options.data is None else AS_IT_IS
     return check_camera(system, clips, given, progress=True)
-
-
-def _lag(recording: Recording, video: VideoFile) -> tuple[Finding, ...]:
-    """Compares onsets over the first minute that audio and video have in common."""
-    import cv2
-    import numpy as np
-    from tqdm import tqdm
-
-    from avssl_pyro.diagnosis.synchronization import check_lag, picture_change, sound_energy
-
-    start_s, seconds = recording.start_s, min(LAG_SECONDS, recording.duration_s)
-    times_s: list[float] = []
-    images: list[npt.NDArray[np.uint8]] = []
-    with tqdm(total=round(seconds), unit="s", desc="watching the video") as bar:
-        for time_s, frame_ijc in video:
-            if time_s > start_s + seconds:
-                break
-            if time_s >= start_s:
-                bar.update(min(round(time_s - start_s), bar.total) - bar.n)
-                times_s.append(time_s - start_s)
-                small_ijc = cv2.resize(frame_ijc, LAG_PICTURE, interpolation=cv2.INTER_AREA)
-                images.append(np.asarray(small_ijc, dtype=np.uint8))
-    if len(times_s) < 2:
-        raise InputError(f"{video.path}: fewer than two frames can be read from {start_s:.1f} s on.")
-    change_t = picture_change(np.array(times_s), np.stack(images), seconds)
-    energy_t = sound_energy(recording.audio_at(start_s, seconds), SAMPLE_RATE)
-    return check_lag(energy_t, change_t, recording.offset_s)
-
-
-def _clips(recording: Recording, still_ijc: npt.NDArray[np.uint8] | None) -> list[Clip]:
-    from avssl_pyro.recordings.excerpts import MOST_EXCERPTS, evenly
-
-    starts_s = recording.window_starts(hop_s=1.0)
-    clips = []
-    for start_s in (starts_s[index] for index in evenly(len(starts_s), MOST_EXCERPTS)):
-        image_ijc = still_ijc
-        if recording.video is not None:
-            frame_ijc = recording.video.find_frame(start_s + 0.5)
-            image_ijc = None if frame_ijc is None else recording.fit(frame_ijc)
-        # A gap in the video shows nobody.
-        if image_ijc is not None:
-            clips.append(Clip(recording.key_at(start_s), recording.audio_at(start_s), image_ijc))
-    return clips
 
 
 def _line(finding: Finding) -> str:

@@ -10,6 +10,7 @@ __all__ = [
     "geometry",
     "orientation",
     "pair_delays",
+    "recording_samples",
     "repairs",
     "synchronization",
 ]
