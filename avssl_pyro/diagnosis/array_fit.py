@@ -1,10 +1,11 @@
-"""Likelihood of a recording under an array with unknown directions; it ranks channel orders and delays.
+"""Likelihood of a recording under an array with unknown directions.
 
-Every excerpt is a mixture over directions of the model's own likelihood with one template each, plus a diffuse class.
+The likelihood ranks arrays, channel orders and delays. Every excerpt is a mixture over directions of the model's
+likelihood with one template each, plus a diffuse class.
 With H = a a^H + eps I the profiled density (Eqs. 15, 16) has by Sherman and Morrison the closed form
 ``- M log(|x|^2 - |a^H x|^2 / (|a|^2 + eps)) - log(|a|^2 + eps) + const``.
-The shares of the directions are fitted by a few rounds of EM. A wrong array puts the frequencies of one sound into
-different directions, and that costs likelihood.
+A few rounds of EM fit the shares of the directions. A wrong array assigns the frequencies of one sound to different
+directions, which lowers the likelihood.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from avssl_pyro.acoustics.stft_config import StftConfig
 
 DIFFUSE = 0.1
 EM_ROUNDS = 5
-# Concentration that keeps an empty direction from being lost for good in the first round.
+# A share of zero in the first round would exclude a direction from all later ones.
 LEAST_SHARE = 1e-6
 LEAST_POWER_SHARE = 1e-8
 
@@ -64,7 +65,7 @@ class Fit(NamedTuple):
     """Result of fitting an array to excerpts.
 
     Args:
-        log_likelihood_b: mean over time-frequency bins, (B,), nats, up to a constant of the excerpt.
+        log_likelihood_b: mean log-likelihood per time-frequency bin in nats, (B,), up to a constant of the excerpt.
         responsibility_bftd: responsibility of each direction for each bin, (B, F, T, D); the rest to 1 is diffuse.
     """
 
@@ -73,7 +74,7 @@ class Fit(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """Difference of channels from the prediction by the others.
+    """Deviation of channels from their prediction by the other channels.
 
     Args:
         delay_s: delay in seconds; negative if early.
@@ -85,10 +86,10 @@ class Residual(NamedTuple):
 
 
 class ArrayFit:
-    """Compares arrays, channel orders and delays on the same excerpts.
+    """Fit of arrays, channel orders and delays to excerpts.
 
     Args:
-        config: directions and frequencies.
+        config: frequencies, frames and directions of the fit.
     """
 
     def __init__(self, config: FitConfig) -> None:
@@ -96,31 +97,31 @@ class ArrayFit:
         self._stft = StftConfig(low_hz=config.low_hz, high_hz=config.high_hz, bin_step=2)
 
     def spectrogram(self, audio_bmn: npt.NDArray[np.float32]) -> Tensor:
-        """Spectrogram x_bftm of the frames and frequencies that take part, all channels of equal power."""
+        """Returns the spectrogram x_bftm of the fit, with channels of equal power."""
         x_bfmt = stft(torch.from_numpy(audio_bmn), self._stft)[..., :: self.config.frame_step]
         power_m = x_bfmt.abs().square().mean((0, 1, 3))
         x_bfmt = x_bfmt / power_m.clamp_min(torch.finfo(power_m.dtype).tiny).sqrt()[:, None]
         return x_bfmt.transpose(-2, -1).contiguous()
 
     def steering(self, array: MicrophoneArray) -> Tensor:
-        """Steering vectors a_fdm of the directions, by the array's own kind."""
+        """Returns the array's steering vectors a_fdm of the directions."""
         grids = [TiltedGrid(self.config.num_azimuths, float(np.deg2rad(up))) for up in self.config.elevations_deg]
         per_elevation = [array.steering_vectors(grid, self._stft.frequencies) for grid in grids]
         return torch.cat(per_elevation, dim=1).to(torch.complex64)
 
     def fit(self, x_bftm: Tensor, steering_fdm: Tensor) -> Fit:
-        """Explains a spectrogram of :meth:`spectrogram` by directions."""
+        """Fits shares of directions to a spectrogram of :meth:`spectrogram`."""
         m, num_directions = x_bftm.shape[-1], steering_fdm.shape[1]
         power_bft1 = x_bftm.abs().square().sum(-1, keepdim=True)
         power_bft1 = power_bft1 + LEAST_POWER_SHARE * power_bft1.mean((1, 2), keepdim=True).clamp_min(1e-30)
-        # A common factor of a bin, such as its power, changes no comparison.
+        # Factors common to all directions of a bin, such as its power, cancel in comparisons and are dropped.
         beam_bftd = (x_bftm @ steering_fdm.conj().transpose(-2, -1)).abs().square()
         norm_fd = steering_fdm.abs().square().sum(-1) + DIFFUSE
         left_bftd = 1 - beam_bftd / (power_bft1 * norm_fd[:, None])
         # log det H is (M - 1) log eps + log(|a|^2 + eps), and the quadratic form has 1 / eps before the bracket.
         bias_fd = float(np.log(DIFFUSE)) - norm_fd.log()
         log_density_bftd = bias_fd[:, None] - m * left_bftd.clamp_min(1e-6).log()
-        # The diffuse class has H = I and a density of one in these units.
+        # The diffuse class has H = I, and so a density of one in these units.
         log_density_bftd = torch.cat([log_density_bftd, torch.zeros_like(power_bft1)], dim=-1)
         share_bd = torch.full((x_bftm.shape[0], num_directions + 1), 0.5 / num_directions)
         share_bd[:, -1] = 0.5
@@ -132,15 +133,21 @@ class ArrayFit:
         return Fit(evidence_bft.mean((1, 2)).double().numpy(), responsibility_bftd[..., :-1])
 
     def residual(self, x_bftm: Tensor, steering_fdm: Tensor, heard: tuple[int, ...], longest_s: float) -> Residual:
-        """Compares channels with what the others predict of them, over all bins and excerpts.
+        """Returns the deviation of channels from their prediction by the others.
 
-        Directions are found by the other channels alone; the phase between channels and prediction, averaged over
-        everything, is a line over frequency whose slope is the common delay and whose sign the polarity.
+        The other channels alone determine the directions. The mean phase between channels and prediction, over all bins
+        and excerpts, is linear in frequency. Its slope gives the common delay and its sign the polarity.
+
+        Args:
+            x_bftm: spectrogram of :meth:`spectrogram`.
+            steering_fdm: steering vectors of :meth:`steering`.
+            heard: indices of the channels to compare, from 0.
+            longest_s: longest delay of the search in seconds.
         """
         others = [m for m in range(x_bftm.shape[-1]) if m not in heard]
         fit = self.fit(x_bftm[..., others], steering_fdm[..., others])
         predicted_bftd = x_bftm[..., others] @ steering_fdm[:, :, others].conj().transpose(-2, -1)
-        # The beam towards a direction in the channels compared, against that in the others.
+        # Both beams point to the same direction, so their phases differ only by delay and polarity.
         heard_bftd = x_bftm[..., list(heard)] @ steering_fdm[:, :, list(heard)].conj().transpose(-2, -1)
         cross_bftd = heard_bftd * predicted_bftd.conj()
         size_bftd = cross_bftd.abs().clamp_min(1e-20)

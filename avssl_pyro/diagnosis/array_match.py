@@ -1,8 +1,8 @@
-"""Search for repairs that make an array fit a recording: exchanges, inversions, delays, units.
+"""Search for repairs that make an array fit a recording.
 
-Candidates for a repair come from the symmetry of the array (exchanges), from the delays of pairs and from what the
-other channels predict of each one. Whichever repair raises the likelihood most, excerpt by excerpt, is found and
-made, and the search goes on from there until none helps.
+Repairs are exchanges, inversions, delays and rescalings. Candidates come from the symmetry of the array (exchanges),
+the delays of pairs, and the prediction of each channel by the others. The search is greedy: it applies the repair with
+the largest mean gain in likelihood over the excerpts, and repeats until no repair helps.
 """
 
 from collections.abc import Sequence
@@ -27,17 +27,17 @@ from avssl_pyro.diagnosis.repairs import (
 )
 
 CHECK = "array"
-# Nats per time-frequency bin and microphone that a repair must bring.
+# Least gain of a repair in nats per time-frequency bin and microphone.
 LEAST_GAIN = 0.004
 LEAST_AGREEMENT = 0.95
-# Delays below this many seconds and scales within this factor are left to temperature, elevation and near talkers.
+# Temperature, elevation and near talkers explain shorter delays (seconds) and smaller scale factors.
 LEAST_DELAY_S, LEAST_FACTOR = 4e-5, 1.3
 # Sound from 50 degrees above the horizon makes a flat array seem 1.6 times smaller than it is.
 LEAST_SHRINKAGE = 1.7
 SCALE_STEP, FINE_SCALE_STEP = 1.15, 1.05
-# A channel that agrees so much less with the prediction of the others hears something else.
+# Below this share of the median agreement, a channel does not record the sound field of the others.
 DEAF_SHARE = 0.35
-# With more channels than this, only those that agree less than this with the others are tried.
+# With more channels than this, only those below this share of the median agreement are tried, to save time.
 MOST_TO_TRY_ALL, SUSPECT_SHARE = 8, 0.85
 SURE = 0.95
 MOST_REPAIRS = 4
@@ -50,7 +50,7 @@ class Proof:
 
     Args:
         repair: repair that was tried.
-        gain_b: gain in log-likelihood per bin and microphone, (B,).
+        gain_b: gain in log-likelihood in nats per bin and microphone, (B,).
     """
 
     repair: Repair
@@ -58,22 +58,22 @@ class Proof:
 
     @property
     def agreement(self) -> float:
-        """Share of bootstrap resamples of the excerpts in which the gain is large enough."""
+        """Share of bootstrap resamples of the excerpts with a sufficient gain."""
         draws = np.random.default_rng(0).integers(0, len(self.gain_b), (RESAMPLES, len(self.gain_b)))
         return float((self.gain_b[draws].mean(axis=1) > LEAST_GAIN).mean())
 
     @property
     def confidence(self) -> float:
-        """The agreement, kept below 1: few excerpts may all err together."""
+        """Agreement, bounded below 1 because few excerpts can share an error."""
         return self.agreement * (1 - 1 / (len(self.gain_b) + 2) ** 2)
 
 
 class ArrayMatch:
-    """Searches for repairs.
+    """Search for repairs of a recording and its array.
 
     Args:
-        audio_bmn: excerpts at 16 kHz, (B, M, N); channels that are dead or copies left out.
-        array: the array of these channels.
+        audio_bmn: excerpts at 16 kHz, (B, M, N), without dead and copied channels.
+        array: array of these channels.
     """
 
     def __init__(self, audio_bmn: Audio, array: MicrophoneArray) -> None:
@@ -82,7 +82,7 @@ class ArrayMatch:
         self._fit = ArrayFit(fit_config(array))
 
     def repairs(self) -> list[Proof]:
-        """Repairs that are needed, the largest gain first."""
+        """Returns the needed repairs in the order of the search, and applies them."""
         found: list[Proof] = []
         audio_bmn, array = self._audio_bmn, self._array
         while len(found) < MOST_REPAIRS:
@@ -101,7 +101,10 @@ class ArrayMatch:
         return found
 
     def deaf(self) -> list[int]:
-        """Channels that do not follow the sound field of the others; call it after :meth:`repairs`."""
+        """Returns channels that do not follow the sound field of the others.
+
+        Call :meth:`repairs` first.
+        """
         if self._array.num_microphones < 4:
             return []
         agreement_m = np.array(
@@ -115,7 +118,7 @@ class ArrayMatch:
     def _sharpened(
         self, proof: Proof, before_b: npt.NDArray[np.float64], audio_bmn: Audio, array: MicrophoneArray
     ) -> Proof:
-        """A rescaling to the nearest few per cent."""
+        """Refines the factor of a rescaling to a few per cent."""
         if not isinstance(proof.repair, Rescaling):
             return proof
         finer = [Rescaling(proof.repair.factor * FINE_SCALE_STEP**step) for step in range(-3, 4)]
@@ -140,7 +143,7 @@ class ArrayMatch:
             for members in exchange_classes(array)[1:]
             if any(suspects.issuperset(pair) for pair in members)
         ]
-        # With two channels one inversion is as good as the other.
+        # With two channels, either inversion has the same effect.
         candidates += [Inversion(channel) for channel in sorted(suspects)[: 1 if num == 2 else num]]
         candidates += self._late_groups(audio_bmn, array, pairs)
         candidates += [
@@ -155,7 +158,7 @@ class ArrayMatch:
         return [repair for repair in candidates if possible(repair, array)]
 
     def _late_groups(self, audio_bmn: Audio, array: MicrophoneArray, pairs: PairDelays) -> list[Delay]:
-        """Delays beyond what the array allows, and made exact where there are others to predict from."""
+        """Returns delays beyond the array's limit, refined where others predict them."""
         delays = []
         for late, delay_s in pairs.late_groups(array):
             delays.append(Delay(late, delay_s))
@@ -172,28 +175,32 @@ class ArrayMatch:
 
 
 def _counts(factor: float) -> bool:
-    """Whether a rescaling is one that the sound field does not explain as well."""
+    """Returns whether a rescaling exceeds what the sound field alone can explain."""
     return factor > LEAST_FACTOR or factor < 1 / LEAST_SHRINKAGE
 
 
 def _suspects(residuals: Sequence[Residual]) -> set[int]:
-    """Channels that agree clearly less than others with what is predicted of them."""
+    """Returns channels with clearly less agreement with their prediction than others."""
     agreement_m = np.array([residual.agreement for residual in residuals])
     return set(np.flatnonzero(agreement_m < SUSPECT_SHARE * np.median(agreement_m)).tolist())
 
 
 def fit_config(array: MicrophoneArray) -> FitConfig:
-    """Frequencies up to two wavelengths across the array: above, its directions lie closer than the grid's."""
+    """Returns a configuration with frequencies suited to the array's extent.
+
+    The highest frequency has 2.4 wavelengths across the array, within 1000 to 3500 Hz. Above, the array's beams are
+    narrower than the steps of the grid.
+    """
     extent_m = float(np.linalg.norm(np.ptp(array.positions, axis=0)))
     return FitConfig(high_hz=float(np.clip(2.4 * array.speed_of_sound / extent_m, 1000.0, 3500.0)))
 
 
 def check_array_match(audio_bmn: Audio, array: MicrophoneArray, names: Sequence[int]) -> tuple[Finding, ...]:
-    """Exchanged, inverted, delayed and deaf channels, and wrong units.
+    """Returns findings on exchanged, inverted, delayed or deviant channels and units.
 
     Args:
         audio_bmn: excerpts at 16 kHz, (B, M, N).
-        array: the array of these channels.
+        array: array of these channels.
         names: channel numbers in the file, from 0.
     """
     match = ArrayMatch(audio_bmn, array)

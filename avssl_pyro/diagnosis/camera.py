@@ -13,7 +13,7 @@ from avssl_pyro.systems.system import System
 CHECK = "camera"
 AS_IT_IS = Turn(mirror=False, yaw_deg=0.0)
 TOLERATED_DEG = 5.0
-# Less sure than this is no finding.
+# A lower confidence does not support a finding.
 LEAST_CONFIDENCE = 0.9
 LEAST_CLIPS = 8
 
@@ -21,7 +21,14 @@ LEAST_CLIPS = 8
 def check_camera(
     system: System, clips: Sequence[Clip], given: Turn = AS_IT_IS, progress: bool = False
 ) -> tuple[Finding, ...]:
-    """Yaw and mirror between camera and array, by a trained system; the clips' pictures are already turned as given."""
+    """Returns findings on the yaw and mirroring of the camera relative to the array.
+
+    Args:
+        system: trained system.
+        clips: clips of one recording, with pictures already turned as given.
+        given: turn that was already applied to the pictures.
+        progress: switch of the progress bar.
+    """
     sounding = [clip for clip in clips if clip.audio_mn.any()]
     if len(sounding) < LEAST_CLIPS:
         found = f"cannot tell how the camera is turned from {len(sounding)} clips: {LEAST_CLIPS} are needed"
@@ -30,7 +37,7 @@ def check_camera(
 
 
 def orientation_search(system: System) -> OrientationSearch:
-    """Builds the search from a trained system."""
+    """Builds the orientation search of a trained system."""
     config = system.config
     return OrientationSearch(
         system.guide, template_covariances(config.steering()), config.stft, config.model.diffuse, config.model.sigma
@@ -38,7 +45,13 @@ def orientation_search(system: System) -> OrientationSearch:
 
 
 def judge(orientation: Orientation, array: MicrophoneArray, given: Turn = AS_IT_IS) -> tuple[Finding, ...]:
-    """Returns the finding for an orientation of pictures that were already turned as given."""
+    """Returns the findings for an estimated orientation.
+
+    Args:
+        orientation: estimate for the pictures as given.
+        array: array of the recording.
+        given: turn that was already applied to the pictures.
+    """
     if is_mirror_blind(array):
         found = "cannot tell whether the picture is mirrored or turned: both sides of this array sound alike"
         return (Finding(CHECK, Severity.NOTE, found, 1.0, "compare camera and array by eye"),)

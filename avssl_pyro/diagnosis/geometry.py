@@ -1,4 +1,7 @@
-"""What an array cannot tell, whatever it records: ambiguous directions, aliasing, swaps that look like a turn."""
+"""Limits of an array's geometry, whatever it records.
+
+These are ambiguous directions, spatial aliasing, exchanges of channels that only mirror the array, and parallax.
+"""
 
 from itertools import combinations
 
@@ -12,21 +15,27 @@ from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.diagnosis.finding import Finding, Severity, listed
 
 CHECK = "geometry"
-# Relative to the array's extent, and at least this many metres: thinner than that counts as flat.
+# An extent below this share of the longest one, or below this many metres, counts as flat.
 FLAT_SHARE, FLAT_M = 0.01, 1e-3
 SAME_DISTANCE_M = 1e-4
 FAR_FROM_CAMERA_M = 0.10
 
 
 def principal_axes(positions_mx: npt.NDArray[np.float64]) -> tuple[int, npt.NDArray[np.float64]]:
-    """Dimension of the array (1 line, 2 plane, 3 space) and its principal axes, (3, 3), the longest first."""
+    """Returns an array's dimension and its principal axes, (3, 3), longest first.
+
+    The dimension is 1 for a line, 2 for a plane and 3 for a spatial array.
+    """
     centred_mx = positions_mx - positions_mx.mean(axis=0)
     _, extents, axes_xx = np.linalg.svd(np.vstack([centred_mx, np.zeros((3, 3))]))
     return int((extents > max(FLAT_SHARE * extents[0], FLAT_M)).sum()), axes_xx
 
 
 def is_mirror_blind(array: MicrophoneArray) -> bool:
-    """Whether all sound from the horizon has a twin direction: the array is a line, or a plane standing upright."""
+    """Returns whether horizontal directions have mirror images of equal response.
+
+    This holds for an array that is a line or an upright plane.
+    """
     if not array.positions_m:
         return False
     dimension, axes_xx = principal_axes(array.positions)
@@ -34,14 +43,20 @@ def is_mirror_blind(array: MicrophoneArray) -> bool:
 
 
 def aliasing_limit_hz(array: MicrophoneArray) -> float:
-    """c / (2 d) with d the longest step from microphone to nearest neighbour that holds the array together."""
+    """Returns the frequency in Hz above which spatial aliasing starts, c / (2 d).
+
+    The distance d is the longest edge of the minimum spanning tree of the microphones.
+    """
     tree = minimum_spanning_tree(cdist(array.positions, array.positions))
     return array.speed_of_sound / (2 * float(tree.data.max()))
 
 
 def exchange_classes(array: MicrophoneArray) -> list[list[tuple[int, int]]]:
-    """Exchanges of two channels, sorted into classes whose results are congruent arrays, so that no sound tells them
-    apart; the first class holds those congruent to the array itself, and is empty if there are none."""
+    """Returns the exchanges of two channels in classes of congruent resulting arrays.
+
+    No recording distinguishes the exchanges of one class. The first class holds the exchanges whose result is congruent
+    to the array, and may be empty.
+    """
     distance_mm = cdist(array.positions, array.positions)
     classes: list[list[tuple[int, int]]] = [[]]
     known_cmm = np.empty((array.num_microphones**2, *distance_mm.shape))
@@ -60,7 +75,7 @@ def exchange_classes(array: MicrophoneArray) -> list[list[tuple[int, int]]]:
 
 
 def check_geometry(array: MicrophoneArray) -> tuple[Finding, ...]:
-    """The limits of an array; notes all of them, none is a fault."""
+    """Returns the limits of an array as notes; none of them is a fault."""
     if not array.positions_m:
         found = f"the array is {array.steering.description}; without positions there is no geometry to check"
         return (Finding(CHECK, Severity.NOTE, found, 1.0),)

@@ -1,16 +1,16 @@
-"""How the camera is turned against the array, and whether its picture is mirrored, found without any label.
+"""Estimation of camera yaw and mirroring relative to the array, without labels.
 
-A trained visual network says where in the picture sound may come from. Turn and mirror the picture, and only one way
-agrees with what the microphones hear: the one with the highest evidence lower bound. For a clip and a picture it is
+A trained visual network estimates direction weights from the picture. The search turns and mirrors the picture and
+selects the turn with the highest evidence lower bound, summed over clips. For one clip and one picture the bound is
 
     max over pi of log p(x | w, pi) - KL(q(w | picture) || p(w)),    w = exp(mu) of the network,
 
-that is, with the levels where a few rounds of EM put them. Sums over clips are compared.
+where a few rounds of EM fit the levels pi.
 
-Bootstrap resamples of the clips tell whether other seconds might decide otherwise, but not what is the same in every
-second: where nobody who talks moves, the picture that is mirrored and turned so that two talkers change places agrees
-with the sound as well, and small errors of the network decide, always in the same way. So the best turn has to be
-ahead of its rival by more than such errors, which grow with its lead over the median turn.
+Bootstrap resamples of the clips measure the variation between clips, but not errors that all clips share. Where no
+talker moves, a picture that is mirrored and turned so that two talkers change places fits the sound as well. Small
+errors of the network then decide, always in the same way. The best turn must therefore lead its rival by more than
+such errors, which grow with its lead over the median turn.
 """
 
 from collections.abc import Sequence
@@ -34,9 +34,9 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, component_log_likelihood, observe
 
 COARSE_DEG, FINE_DEG = 15.0, 5.0
-# Turns this close to the best are not its rivals: a talker is as wide.
+# Turns this close to the best are not its rivals, because a talker is about as wide.
 NEAR_DEG = 12.5
-# Standard deviation of the error of a lead, as a share of the lead over the median turn, however many clips there are.
+# Standard deviation of a lead's error, as a share of the lead over the median turn; more clips do not lower it.
 MODEL_ERROR = 0.08
 EM_ROUNDS = 5
 BIN_STEP, FRAME_STEP = 4, 4
@@ -45,7 +45,7 @@ PICTURES_AT_ONCE = 16
 
 
 class Looks(Protocol):
-    """What is asked of a guide: its posterior of direction weights given the picture."""
+    """Interface of a guide: posterior of the direction weights given the picture."""
 
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]: ...
 
@@ -54,29 +54,34 @@ class Looks(Protocol):
 
 @dataclass(frozen=True, order=True)
 class Turn:
-    """A way to turn a picture: mirrored first or not, then so that its centre shows azimuth ``yaw_deg``."""
+    """A turn of a picture: mirrored or not, then turned by a yaw.
+
+    Args:
+        mirror: flag of mirroring before the yaw.
+        yaw_deg: azimuth of the picture's centre in degrees.
+    """
 
     mirror: bool
     yaw_deg: float
 
     def then(self, later: "Turn") -> "Turn":
-        """Both turns in one."""
+        """Returns the composition of this turn and a later one."""
         before_deg = -self.yaw_deg if later.mirror else self.yaw_deg
         return Turn(self.mirror != later.mirror, float(_wrap_deg(before_deg + later.yaw_deg)))
 
 
 @dataclass(frozen=True)
 class Orientation:
-    """The turn that fits best.
+    """Estimate of a camera's orientation relative to the array.
 
     Args:
-        yaw_deg: azimuth, seen from the array, of what the centre of the picture shows, -180 to 180.
-        mirror: left and right are exchanged in the picture.
-        yaw_confidence: share of bootstrap resamples of the clips whose best turn is near this one (and as mirrored),
-            times the chance that the model's errors leave it ahead of its rival.
-        mirror_confidence: the same for turns that are as mirrored as this one.
-        gain_over_given: log evidence over that of the pictures as they are, nats per clip.
-        rival: the turn that fits best of those that are not near this one.
+        yaw_deg: azimuth of the picture's centre in degrees, seen from the array, -180 to 180.
+        mirror: flag of a picture with left and right exchanged.
+        yaw_confidence: share of bootstrap resamples of the clips whose best turn is near this one, with equal
+            mirroring, times the probability that the model's errors leave it ahead of its rival.
+        mirror_confidence: confidence of the mirroring alone, computed in the same way.
+        gain_over_given: gain in log evidence over the pictures as given, in nats per clip.
+        rival: best turn that is not near this one.
     """
 
     yaw_deg: float
@@ -88,14 +93,14 @@ class Orientation:
 
 
 class OrientationSearch:
-    """Compares turned and mirrored pictures.
+    """Search for the yaw and mirroring of the pictures with the highest evidence.
 
     Args:
-        looks: the guide of a trained system, in evaluation mode.
+        looks: guide of a trained system, in evaluation mode.
         template_dfmm: direction templates of the spectrogram's frequencies, complex (D, F, M, M).
-        stft_config: of the spectrogram.
-        diffuse: eps of the model.
-        prior_sigma: sigma_0 of the model.
+        stft_config: configuration of the spectrogram.
+        diffuse: diffuse share eps of the model.
+        prior_sigma: prior standard deviation sigma_0 of the model.
     """
 
     def __init__(
@@ -109,7 +114,10 @@ class OrientationSearch:
 
     @torch.no_grad()
     def evidence(self, clips: Sequence[Clip], turns: Sequence[Turn], progress: bool = False) -> npt.NDArray[np.float64]:
-        """Log evidence of every clip under every turn of its picture, (B, H), nats, up to a constant of the clip."""
+        """Returns the log evidence of clips under turns of their pictures, (B, H).
+
+        Values are in nats, up to a constant of the clip.
+        """
         rows = []
         for clip in tqdm(clips, unit="clip", desc="turning pictures", disable=not progress):
             batch = collate_clips([clip])
@@ -123,7 +131,7 @@ class OrientationSearch:
         turned_hcij = torch.cat([turn_picture(image_bcij, turn) for turn in turns])
         mu_hkd, _ = self._looks.log_weights(turned_hcij)
         prior = Normal(torch.zeros_like(mu_hkd), self._prior_sigma)
-        # The likelihood knows no scale of w, and the posterior's own differs from the prior's.
+        # The likelihood is invariant to the scale of w, and the posterior's scale differs from the prior's.
         centred_hkd = mu_hkd - mu_hkd.mean(-1, keepdim=True)
         divergence_h = kl_divergence(Normal(centred_hkd, self._looks.sigma(mu_hkd)), prior).sum((-2, -1))
         scm_hkfmm = spatial_covariance(mu_hkd.softmax(-1), self._template_dfmm, self._diffuse)
@@ -134,16 +142,16 @@ class OrientationSearch:
             share_hk = joint_hfkt.softmax(-2).mean((1, 3))
             log_pi_hk = share_hk.clamp_min(1e-6).log()
         likelihood_h = (density_hfkt + log_pi_hk[:, None, :, None]).logsumexp(-2).sum((-2, -1))
-        # A thinned spectrogram stands for the whole one.
+        # Each bin of the thinned spectrogram represents its skipped neighbours.
         return BIN_STEP * FRAME_STEP * likelihood_h - divergence_h
 
     def search(self, clips: Sequence[Clip], progress: bool = False) -> Orientation:
-        """Finds yaw and mirror: all turns in coarse steps, then the neighbours of the best few in fine ones."""
+        """Returns the best orientation by a coarse search and a fine one around its best."""
         coarse = [
             Turn(mirror, yaw) for mirror in (False, True) for yaw in np.arange(-180.0, 180.0, COARSE_DEG).tolist()
         ]
         evidence_bh = self.evidence(clips, coarse, progress)
-        # Wide steps can miss the narrow top of one hypothesis, but not of several.
+        # Coarse steps can miss the narrow maximum of the best turn, so the best few are refined.
         fine: set[Turn] = set()
         for number in np.argsort(-evidence_bh.sum(axis=0))[:4]:
             turn = coarse[int(number)]
@@ -154,14 +162,14 @@ class OrientationSearch:
 
 
 def turn_picture(image_bcij: Tensor, turn: Turn) -> Tensor:
-    """Pictures (B, 3, I, J) as a camera that stands right would have taken them."""
+    """Returns pictures (B, 3, I, J) corrected by a turn, aligned with the array."""
     mirrored_bcij = image_bcij.flip(-1) if turn.mirror else image_bcij
-    # Content moves to larger azimuths, that is to the left.
+    # Content moves to larger azimuths, which are to the left.
     return mirrored_bcij.roll(-round(turn.yaw_deg / 360 * image_bcij.shape[-1]), dims=-1)
 
 
 def conclude(turns: Sequence[Turn], evidence_bh: npt.NDArray[np.float64]) -> Orientation:
-    """The best turn of a table of evidences (B, H), and how sure it is."""
+    """Returns the best turn of a table of evidences (B, H), with its confidence."""
     mirror_h = np.array([turn.mirror for turn in turns])
     yaw_h = np.array([turn.yaw_deg for turn in turns])
     total_h = evidence_bh.sum(axis=0)
@@ -185,11 +193,11 @@ def conclude(turns: Sequence[Turn], evidence_bh: npt.NDArray[np.float64]) -> Ori
 def _confidence(
     alike_h: npt.NDArray[np.bool_], evidence_bh: npt.NDArray[np.float64], winner_s: npt.NDArray[np.intp]
 ) -> float:
-    """Of the turns that are alike, with the best one among them."""
+    """Returns the confidence in a set of similar turns that contains the best one."""
     total_h = evidence_bh.sum(axis=0)
     lead = float(total_h[alike_h].max() - total_h[~alike_h].max())
     error = MODEL_ERROR * float(total_h.max() - np.median(total_h))
-    # As in all bootstraps of few samples, certainty is bounded by their number.
+    # A bootstrap of few samples cannot support more certainty than their number allows.
     most = 1 - 1 / (len(evidence_bh) + 2) ** 2
     share = float(alike_h[winner_s].mean()) * most
     return share * (NormalDist().cdf(lead / error) if error > 0 else 0.5)
@@ -198,7 +206,10 @@ def _confidence(
 def _parabola(
     yaw_h: npt.NDArray[np.float64], mirror_h: npt.NDArray[np.bool_], total_h: npt.NDArray[np.float64], best: int
 ) -> float:
-    """Offset of a parabola's top through the best turn and its fine neighbours, degrees; 0 where they are missing."""
+    """Returns the offset in degrees of a parabola's maximum from the best turn.
+
+    The parabola passes through the best turn and its fine neighbours; without them the offset is 0.
+    """
     sides = []
     for step in (-FINE_DEG, FINE_DEG):
         there = np.flatnonzero((mirror_h == mirror_h[best]) & (np.abs(_wrap_deg(yaw_h - yaw_h[best] - step)) < 1e-6))
@@ -210,7 +221,7 @@ def _parabola(
 
 
 def _wrap_deg(angle_deg: npt.ArrayLike) -> npt.NDArray[np.float64]:
-    # Rounded, so that equal turns are equal numbers.
+    # Rounding makes equal turns equal numbers.
     wrapped = wrap_angle(np.deg2rad(np.asarray(angle_deg, dtype=np.float64)))
     rounded: npt.NDArray[np.float64] = np.round(wrapped * (180.0 / np.pi), 6)
     return rounded

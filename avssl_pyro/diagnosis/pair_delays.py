@@ -1,4 +1,7 @@
-"""Delays between all pairs of channels by GCC-PHAT (Knapp and Carter 1976), without looking at the array."""
+"""Delays between all pairs of channels by GCC-PHAT (Knapp and Carter 1976).
+
+The estimates do not depend on the array's positions.
+"""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,25 +18,25 @@ from avssl_pyro.clip import SAMPLE_RATE
 
 LONGEST_S = 0.25
 BAND_HZ = (150.0, 6000.0)
-# Peaks are found to about a sample; a near talker and warm air do the rest.
+# Peaks are exact to about a sample; near talkers and warm air change delays further.
 MARGIN, MARGIN_S = 1.1, 1.5 / SAMPLE_RATE
-# Around a rigid sphere a wave takes half as long again as in free field, at low frequencies.
+# At low frequencies, delays around a rigid sphere are 1.5 times as long as in free field.
 DETOUR = 1.5
 
 
 @dataclass(frozen=True)
 class PairDelays:
-    """How much later each channel hears the strongest sound than each other one.
+    """Delays of the strongest sound between all pairs of channels.
 
     Args:
-        delay_bmm: delay of row against column, (B, M, M), seconds, antisymmetric.
+        delay_bmm: delay of row relative to column in seconds, (B, M, M), antisymmetric.
     """
 
     delay_bmm: npt.NDArray[np.float64]
 
     @classmethod
     def of(cls, audio_bmn: npt.NDArray[np.float32]) -> "PairDelays":
-        """Measures the delays of excerpts (B, M, N) at 16 kHz, up to a quarter of a second."""
+        """Estimates the delays of excerpts (B, M, N) at 16 kHz, up to 0.25 s."""
         num_blocks, num_channels, length = audio_bmn.shape
         longest = min(round(LONGEST_S * SAMPLE_RATE), length // 2)
         padded = fft.next_fast_len(length + longest, real=True)
@@ -50,9 +53,10 @@ class PairDelays:
         return cls(delay_bmm)
 
     def late_groups(self, array: MicrophoneArray) -> list[tuple[tuple[int, ...], float]]:
-        """Groups of channels that come later than the largest group, and by how much (seconds).
+        """Returns groups of delayed channels with their delays in seconds.
 
-        Two channels belong together when in most excerpts their delay is one that sound across the array can have.
+        Delays are relative to the largest group. Two channels belong to one group when, in most excerpts, their delay
+        is possible for sound across the array.
         """
         limit_mm = longest_delays(array)
         possible_mm = (np.abs(self.delay_bmm) <= limit_mm).mean(axis=0) > 0.5
@@ -67,10 +71,10 @@ class PairDelays:
         return late
 
     def scale(self, array: MicrophoneArray) -> float:
-        """How large the array sounds beside its positions, for sound from the horizon.
+        """Estimates the ratio of the array's acoustic size to its positions.
 
-        For microphones spread evenly over the plane, sum_ij tau_ij^2 = M^2 tr(S) / 2c^2 from whatever azimuth, S
-        being the covariance of their positions in the plane.
+        The sound is assumed to come from the horizon. For microphones spread evenly over the plane, sum_ij tau_ij^2 =
+        M^2 tr(S) / 2c^2 at any azimuth, with S the covariance of their positions in the plane.
         """
         squared_s2 = float(np.median((self.delay_bmm**2).sum(axis=(1, 2))))
         plane_mx = array.positions[:, :2] - array.positions[:, :2].mean(axis=0)
@@ -79,7 +83,10 @@ class PairDelays:
 
 
 def longest_delays(array: MicrophoneArray) -> npt.NDArray[np.float64]:
-    """The longest delay that sound across the array can have, with a margin, (M, M), seconds."""
+    """Returns the longest possible delays across the array in seconds, (M, M).
+
+    The delays include a margin.
+    """
     distance_mm = cdist(array.positions, array.positions)
     detour = 1.0 if isinstance(array.steering, FreeFieldKind) else DETOUR
     return np.asarray(MARGIN * detour * distance_mm / array.speed_of_sound + MARGIN_S)

@@ -1,4 +1,7 @@
-"""What may be wrong between a recording and its array, each as the repair that would undo it."""
+"""Repairs of faults between a recording and its array.
+
+Each fault is represented by the repair that undoes it: an exchange, an inversion, a delay or a rescaling.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,7 +20,7 @@ Audio = npt.NDArray[np.float32]
 
 
 class Repair(Protocol):
-    """Undoes one fault, in the audio (B, M, N) at 16 kHz or in the array."""
+    """Repair of one fault, in the audio (B, M, N) at 16 kHz or in the array."""
 
     @property
     def check(self) -> str: ...
@@ -26,30 +29,36 @@ class Repair(Protocol):
     def severity(self) -> Severity: ...
 
     def message(self, names: Sequence[int]) -> str:
-        """The fault; ``names`` are the channels' numbers in the file, counted from 0."""
+        """Returns a description of the fault.
+
+        Args:
+            names: channel numbers in the file, from 0.
+        """
         ...
 
     @property
     def advice(self) -> str:
-        """What to do."""
+        """Advice on how to remove the fault."""
         ...
 
     def mend(self, audio_bmn: Audio, array: MicrophoneArray) -> tuple[Audio, MicrophoneArray]:
-        """Audio and array as they would be without the fault.
+        """Returns audio and array without the fault.
 
         Raises:
-            InputError: the array would be none.
+            InputError: the repaired array is invalid.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """Two channels changed places.
+    """Exchange of two channels.
 
     Args:
-        pair: the channels, counted from 0.
-        twins: other exchanges that leave a congruent array, so that no sound tells which it was.
+        pair: indices of the channels, from 0.
+        twins: other exchanges that leave a congruent array, and are therefore indistinguishable in any recording.
+        check: name of the check.
+        severity: severity of the fault.
     """
 
     pair: tuple[int, int]
@@ -73,7 +82,13 @@ class Exchange:
 
 @dataclass(frozen=True)
 class Inversion:
-    """A channel has the wrong sign."""
+    """Inversion of a channel's sign.
+
+    Args:
+        channel: index of the channel, from 0.
+        check: name of the check.
+        severity: severity of the fault.
+    """
 
     channel: int
     check: str = "polarity"
@@ -96,7 +111,14 @@ class Inversion:
 
 @dataclass(frozen=True)
 class Delay:
-    """Some channels come late (or early, if negative) by the same time."""
+    """Common delay of some channels.
+
+    Args:
+        late: indices of the channels, from 0.
+        delay_s: delay in seconds; negative if the channels are early.
+        check: name of the check.
+        severity: severity of the fault.
+    """
 
     late: tuple[int, ...]
     delay_s: float
@@ -121,7 +143,13 @@ class Delay:
 
 @dataclass(frozen=True)
 class Rescaling:
-    """The positions are in another unit: true ones are ``factor`` times as large."""
+    """Wrong scale of the array's positions.
+
+    Args:
+        factor: ratio of the true positions to the given ones.
+        check: name of the check.
+        severity: severity of the fault.
+    """
 
     factor: float
     check: str = "units"
@@ -145,10 +173,10 @@ def _likely_slip(ratio: float) -> str:
 
 
 def scaled(array: MicrophoneArray, factor: float) -> MicrophoneArray:
-    """The array with all positions multiplied, and the sphere they lie on.
+    """Returns the array with positions, and its rigid sphere if any, multiplied.
 
     Raises:
-        InputError: no array is so small or so large.
+        InputError: the scaled array is too small or too large.
     """
     x_mx = array.positions * factor
     steering = array.steering
@@ -161,7 +189,10 @@ def scaled(array: MicrophoneArray, factor: float) -> MicrophoneArray:
 
 
 def advance(audio_n: Audio, time_s: float) -> Audio:
-    """Audio (..., N) at 16 kHz played earlier by a time that need not be whole samples; zeros come in at the end."""
+    """Returns audio (..., N) at 16 kHz, advanced by a time in seconds.
+
+    The time may be a fraction of a sample. Zeros follow at the end.
+    """
     length = audio_n.shape[-1]
     padded = length + 2 * (int(abs(time_s) * SAMPLE_RATE) + 64)
     frequencies = np.fft.rfftfreq(padded, 1 / SAMPLE_RATE)
@@ -170,7 +201,7 @@ def advance(audio_n: Audio, time_s: float) -> Audio:
 
 
 def possible(repair: Repair, array: MicrophoneArray) -> bool:
-    """Whether the repaired array is one."""
+    """Returns whether the repaired array is valid."""
     try:
         repair.mend(np.zeros((1, array.num_microphones, 1), dtype=np.float32), array)
     except InputError:

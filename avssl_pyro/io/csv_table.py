@@ -1,4 +1,4 @@
-"""A CSV file whose first line names its columns."""
+"""CSV tables whose first line names the columns."""
 
 import csv
 from dataclasses import dataclass
@@ -9,21 +9,21 @@ from avssl_pyro.errors import InputError
 
 @dataclass(frozen=True)
 class CsvLine:
-    """One line of a file.
+    """One line of a table.
 
     Args:
-        where: file and number of the line, for what is to be said of it.
-        cells: by column; None where the line ends before.
+        where: file name and line number, for messages.
+        cells: texts by column; None where the line ends before the column.
     """
 
     where: str
     cells: dict[str, str | None]
 
     def file_name(self, column: str) -> str:
-        """The name of a file in a column that must hold one.
+        """Returns the file name in a column that requires one.
 
         Raises:
-            InputError: it is empty.
+            InputError: the cell is empty.
         """
         text = self.cells[column]
         if not text:
@@ -33,17 +33,17 @@ class CsvLine:
 
 @dataclass(frozen=True)
 class CsvTable:
-    """The columns of a file and its lines but the first, at least one."""
+    """Column names of a file and its lines below the first, at least one."""
 
     columns: tuple[str, ...]
     lines: tuple[CsvLine, ...]
 
 
 def read_csv_table(path: Path, required: tuple[str, ...]) -> CsvTable:
-    """Reads a UTF-8 file, with or without a byte order mark; empty lines are passed over.
+    """Reads a UTF-8 table, with or without a byte order mark; skips empty lines.
 
     Raises:
-        InputError: it is missing or no CSV, lacks a required column, or has no line below the first.
+        InputError: the file is missing or no CSV, lacks a required column, or has no line below the first.
     """
     first_line = ",".join(required)
     if not path.is_file():

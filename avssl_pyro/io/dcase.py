@@ -1,7 +1,13 @@
-"""Directions over time as the CSV files of the DCASE challenges: one line per source and 100 ms, no header.
+"""DCASE challenge labels in CSV: one line per source and 100 ms, no header.
 
-Four forms are about: frame, class, azimuth, elevation; the same with a source number after the class; that with a
-distance in centimetres at the end; and frame, class, source, x, y, z, distance. Frames without a source are absent.
+Lines have one of four forms, by the number of columns:
+
+- 4: frame, class, azimuth, elevation;
+- 5: frame, class, source, azimuth, elevation;
+- 6: the same with a distance in centimetres at the end;
+- 7: frame, class, source, x, y, z, distance in centimetres.
+
+Frames without a source are absent.
 """
 
 import csv
@@ -27,12 +33,12 @@ class DcaseRow:
     """One source in one frame.
 
     Args:
-        frame: number of the 100 ms frame, from 0.
-        class_index: 0 where classes are not told apart, as in what this package writes.
-        source: number of the source, 0 where the file has none.
-        azimuth_deg: counter-clockwise, +90 is left, -180 to 180.
-        elevation_deg: -90 to 90.
-        distance_cm: None where the file has none.
+        frame: index of the 100 ms frame, from 0.
+        class_index: index of the sound class; 0 where classes are not distinguished, as in the files written here.
+        source: number of the source; 0 where the file has none.
+        azimuth_deg: azimuth in degrees, counter-clockwise, -180 to 180; +90 is left.
+        elevation_deg: elevation in degrees, -90 to 90.
+        distance_cm: distance in centimetres; None where the file has none.
     """
 
     frame: int
@@ -44,10 +50,12 @@ class DcaseRow:
 
 
 def read_dcase(path: Path) -> tuple[DcaseRow, ...]:
-    """Reads a file of any of the four forms, in the order of its lines; an empty file says that all is silent.
+    """Reads a file of any of the four forms and returns its rows in file order.
+
+    An empty file describes a silent recording.
 
     Raises:
-        InputError: the file cannot be read, or a line is of none of the forms; the line is named.
+        InputError: the file cannot be read, or a line has none of the forms; the message names the line.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file of labels.")
@@ -85,9 +93,9 @@ def _row(cells: list[str], where: str) -> DcaseRow:
 
 
 def write_dcase(path: Path, rows: Iterable[DcaseRow]) -> None:
-    """Writes frame, class, source, azimuth, elevation and, if every row has one, distance; sorted by frame and source.
+    """Writes rows of five columns, or of six where every row has a distance.
 
-    Azimuths are wrapped to -180..180; angles are rounded to 0.1 degrees.
+    Rows are sorted by frame, class and source. Azimuths are wrapped to -180..180; angles are rounded to 0.1 degrees.
 
     Raises:
         OSError: see :func:`avssl_pyro.atomic_file.write_atomically`.
@@ -104,7 +112,10 @@ def write_dcase(path: Path, rows: Iterable[DcaseRow]) -> None:
 
 
 def azimuths_by_frame(rows: Iterable[DcaseRow], merged_deg: float = MERGED_DEG) -> dict[int, tuple[float, ...]]:
-    """Azimuths of all sources of each frame, radians, whatever their class; neighbours under ``merged_deg`` are one."""
+    """Returns the azimuths of each frame in radians, over all classes.
+
+    Neighbours closer than ``merged_deg`` are merged into one.
+    """
     frames: dict[int, list[float]] = defaultdict(list)
     for row in rows:
         frames[row.frame].append(math.radians(row.azimuth_deg))
@@ -114,7 +125,10 @@ def azimuths_by_frame(rows: Iterable[DcaseRow], merged_deg: float = MERGED_DEG) 
 def labels_between(
     rows: Iterable[DcaseRow], start_s: float, duration_s: float = 1.0, merged_deg: float = MERGED_DEG
 ) -> SceneLabels:
-    """Who sounds in a stretch: every source active in at least half of its frames, at its mean azimuth."""
+    """Returns the labels of a window: mean azimuths of the sources active in it.
+
+    A source counts as active in a window when it is present in at least half of its frames.
+    """
     first, count = round(start_s / FRAME_S), max(1, round(duration_s / FRAME_S))
     tracks: dict[tuple[int, int], list[float]] = defaultdict(list)
     for row in rows:
@@ -125,7 +139,10 @@ def labels_between(
 
 
 def merge_azimuths(azimuths: Iterable[float], merged_deg: float = MERGED_DEG) -> tuple[float, ...]:
-    """Azimuths (radians), those closer than ``merged_deg`` to a neighbour replaced by the mean of the group."""
+    """Returns azimuths in radians, with groups of close ones replaced by their mean.
+
+    Azimuths closer than ``merged_deg`` to a neighbour belong to its group.
+    """
     groups: list[list[float]] = []
     for azimuth in sorted(azimuths):
         if groups and abs(_wrapped(math.degrees(azimuth - groups[-1][-1]))) < merged_deg:
@@ -138,7 +155,7 @@ def merge_azimuths(azimuths: Iterable[float], merged_deg: float = MERGED_DEG) ->
 
 
 def circular_mean(azimuths: list[float]) -> float:
-    """Mean direction, radians, -pi to pi."""
+    """Returns the circular mean of azimuths in radians, -pi to pi."""
     return math.atan2(sum(map(math.sin, azimuths)), sum(map(math.cos, azimuths)))
 
 

@@ -1,4 +1,7 @@
-"""A video, read by time stamp: frame rates vary, and frame counts lie."""
+"""Video frames by time stamp.
+
+Time stamps are used because frame rates vary and the frame counts in containers are unreliable.
+"""
 
 import math
 import os
@@ -12,9 +15,9 @@ import numpy.typing as npt
 
 from avssl_pyro.errors import InputError
 
-# A picture older than this does not show who is heard.
+# An older frame no longer shows the people who talk at that time.
 MAX_FRAME_AGE_S = 1.0
-# Farther ahead than this, seeking beats decoding what lies between.
+# For larger jumps ahead, seeking is faster than decoding the frames between.
 _SEEK_AHEAD_S = 5.0
 _NEVER = -math.inf
 # Times computed as n / rate must not miss frame n by a rounding error.
@@ -22,16 +25,16 @@ _ROUNDING_S = 1e-6
 
 
 class VideoFile:
-    """Frames of a video by time; reading forward is fast, jumping back is right.
+    """Reader of video frames by time; fast forward, slower but exact backward.
 
-    Times count from the first frame, by the container's time stamps, so that variable frame rates come out right.
-    May be pickled and forked; each process opens the file for itself.
+    Times count from the first frame and follow the container's time stamps, so variable frame rates are supported.
+    Readers can be pickled and forked; each process opens the file again.
 
     Args:
-        path: any container and codec that OpenCV's FFmpeg reads.
+        path: video file, in any container and codec that OpenCV's FFmpeg reads.
 
     Raises:
-        InputError: it is missing or cannot be read as video.
+        InputError: the file is missing or cannot be read as video.
     """
 
     def __init__(self, path: Path) -> None:
@@ -58,10 +61,10 @@ class VideoFile:
         self._start(None)
 
     def frame_at(self, time_s: float) -> npt.NDArray[np.uint8]:
-        """The frame that stands at ``time_s``: the last one at or before it, uint8 RGB, (H, W, 3).
+        """Returns the last frame at or before ``time_s``, uint8 RGB, (H, W, 3).
 
         Raises:
-            InputError: there is no frame within the second before: a gap, the end, or damage.
+            InputError: there is no frame within the second before, at a gap, after the end or in a damaged part.
         """
         frame_ijc = self.find_frame(time_s)
         if frame_ijc is None:
@@ -72,7 +75,7 @@ class VideoFile:
         return frame_ijc
 
     def find_frame(self, time_s: float) -> npt.NDArray[np.uint8] | None:
-        """As :meth:`frame_at`, but None where there is no frame."""
+        """Returns the frame as :meth:`frame_at` does, or None where there is none."""
         time_s += _ROUNDING_S
         if time_s < self._time_s or time_s > self._next_s + _SEEK_AHEAD_S:
             self._seek(time_s)
@@ -80,23 +83,22 @@ class VideoFile:
         if time_s > self._time_s + MAX_FRAME_AGE_S + 2 * _ROUNDING_S:
             return None
         if self._frame is None and self._time_s > _NEVER:
-            # The frames lie farther apart than expected here, and this one was passed by.
+            # Frames are farther apart here than the mean rate suggests, so this one was skipped unconverted.
             self._seek(self._time_s)
             self._advance(time_s, converted_from_s=_NEVER)
         return self._frame
 
     def time_stamps(self) -> npt.NDArray[np.float64]:
-        """Times of all frames, seconds, ascending, up to the last that can be decoded.
+        """Returns the times of all frames in seconds, up to the last decodable one.
 
-        The container is walked through, and of its frames only the last are decoded: a file that was cut off names
-        some that are not whole.
+        Times ascend. Only the last frames are decoded: the index of a truncated file lists incomplete frames.
         """
         capture = _open(self.path)
         capture.set(cv2.CAP_PROP_FORMAT, -1)
         times_s, time_s = [], _NEVER
         while capture.grab():
             stamp_s = float(capture.get(cv2.CAP_PROP_POS_MSEC)) / 1e3
-            # Frames are stored in the order of decoding, which jumps forth and back; only all zeros mean no stamps.
+            # Frames are stored in decoding order, so stamps are not monotonic; only all zeros mean no stamps.
             time_s = stamp_s if stamp_s > 0.0 or time_s == _NEVER else time_s + 1.0 / self.mean_frame_rate
             times_s.append(time_s)
         capture.release()
@@ -107,7 +109,7 @@ class VideoFile:
         return stamps_s[stamps_s < self._time_s + half_s]
 
     def __iter__(self) -> Iterator[tuple[float, npt.NDArray[np.uint8]]]:
-        """All frames with their times, seconds; independent of :meth:`frame_at`."""
+        """Yields times in seconds and frames, independently of :meth:`frame_at`."""
         capture, time_s = _open(self.path), _NEVER
         try:
             while capture.grab():
@@ -119,14 +121,14 @@ class VideoFile:
             capture.release()
 
     def _start(self, capture: cv2.VideoCapture | None) -> None:
-        """Sets the state before the first frame: no current frame, and none grabbed ahead."""
+        """Resets the state: no current frame, and none grabbed ahead."""
         self._capture = capture
         self._time_s, self._next_s = _NEVER, _NEVER
         self._frame: npt.NDArray[np.uint8] | None = None
         self._grabbed = False
 
     def _seek(self, time_s: float) -> None:
-        """Places the reader at some frame at or before ``time_s``; decoders land near where asked, not on it."""
+        """Moves the reader to a frame at or before ``time_s``; decoders seek inexactly."""
         for margin_s in (1.0, 10.0):
             if time_s > margin_s and self._jump(time_s - margin_s) and self._next_s <= time_s:
                 return
@@ -144,7 +146,7 @@ class VideoFile:
         return self._grabbed
 
     def _advance(self, time_s: float, converted_from_s: float | None = None) -> None:
-        """Decodes until the next frame lies after ``time_s``, converting colours only of frames near it."""
+        """Decodes up to ``time_s`` and converts colours only of frames near it."""
         capture = self._capture or _open(self.path)
         self._capture = capture
         if converted_from_s is None:
@@ -155,7 +157,7 @@ class VideoFile:
             self._grab(capture)
 
     def _take(self, capture: cv2.VideoCapture, converted_from_s: float) -> None:
-        """Makes the frame that was grabbed ahead the current one, unless it cannot be decoded."""
+        """Makes the grabbed frame the current one, unless it cannot be decoded."""
         if self._next_s < converted_from_s:
             self._time_s, self._frame = self._next_s, None
             return
@@ -170,7 +172,7 @@ class VideoFile:
 
 
 def _open(path: Path) -> cv2.VideoCapture:
-    # FFmpeg and OpenCV would print their own complaints beside ours; FFmpeg reads the variable when it is first used.
+    # FFmpeg and OpenCV would print messages in addition to ours. FFmpeg reads the variable at its first use.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
     try:

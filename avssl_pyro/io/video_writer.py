@@ -1,4 +1,4 @@
-"""Videos to disk, whole or not at all, in formats that browsers play."""
+"""Atomic writing of videos with sound, in formats that browsers play."""
 
 import contextlib
 from collections.abc import Iterable, Iterator
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from av.container import OutputContainer
     from av.video.stream import VideoStream
 
-# Frames keep their own times, as exactly as MPEG counts.
+# Ticks per second of MPEG's clock, so that frame times keep its resolution.
 CLOCK = 90_000
 KEYFRAMES_S = 2.0
 ENCODER_THREADS = 2
@@ -32,7 +32,7 @@ class VideoFormat:
 
     Args:
         container, video_codec, audio_codec: names in FFmpeg.
-        options: settings of the video codec; visually lossless, at a speed that two cores can afford.
+        options: settings of the video codec; visually lossless, and fast enough for two cores.
         container_options: settings of the container.
     """
 
@@ -44,7 +44,7 @@ class VideoFormat:
 
 
 FORMATS = {
-    # With the index in front, a browser starts to play before the whole file has arrived.
+    # With the index in front, a browser starts to play before the download ends.
     ".mp4": VideoFormat(
         "mp4", "libx264", "aac", (("preset", "superfast"), ("crf", "23")), (("movflags", "+faststart"),)
     ),
@@ -84,7 +84,7 @@ def check_video_name(path: Path) -> None:
 def open_video(
     path: Path, width: int, height: int, frame_rate: float, sound: SoundTrack | None = None
 ) -> Iterator["VideoWriter"]:
-    """Opens a writer of frames; the finished video is in place once the body ends without an error.
+    """Opens a writer of frames; the file appears when the body ends without error.
 
     ``.mp4`` becomes H.264 (yuv420p) with AAC, ``.webm`` VP9 with Opus.
 
@@ -92,7 +92,7 @@ def open_video(
         path: video file, .mp4 or .webm.
         width, height: size of the frames in pixels, even.
         frame_rate: approximate rate in frames per second; every frame has its own time.
-        sound: sound track, if there is one.
+        sound: sound track; None writes a silent video.
 
     Raises:
         InputError: see :func:`check_video_name`.
@@ -111,7 +111,7 @@ def open_video(
 
 
 class VideoWriter:
-    """Writer of frames in order, with sound interleaved; :func:`open_video` returns it."""
+    """Writer of frames in order, with interleaved sound; see :func:`open_video`."""
 
     def __init__(
         self,
@@ -130,7 +130,7 @@ class VideoWriter:
         context = video.codec_context
         context.time_base = Fraction(1, CLOCK)
         context.gop_size = max(1, round(KEYFRAMES_S * frame_rate))
-        # What OpenCV's conversion makes: BT.601, limited range. Left unsaid, players guess by the picture's size.
+        # OpenCV converts to BT.601, limited range. Without these fields players choose by the size of the frames.
         context.colorspace, context.color_range = 5, 1
         self._video = video
         self._last_pts = -1
@@ -142,24 +142,24 @@ class VideoWriter:
         self._samples = 0
 
     def write(self, frame_ijc: npt.NDArray[np.uint8], time_s: float) -> None:
-        """Adds an RGB frame, (height, width, 3), to be shown from ``time_s`` on, in seconds from the start."""
+        """Writes an RGB frame, (height, width, 3), shown from ``time_s`` seconds on."""
         planes_ij = cv2.cvtColor(frame_ijc, cv2.COLOR_RGB2YUV_I420)
         frame = av.VideoFrame.from_ndarray(np.asarray(planes_ij, dtype=np.uint8), format="yuv420p")
-        # Two frames at one time, as cameras sometimes stamp them, would be refused.
+        # Cameras sometimes stamp two frames with one time, which the container rejects.
         self._last_pts = max(round(time_s * CLOCK), self._last_pts + 1)
         frame.pts, frame.time_base = self._last_pts, Fraction(1, CLOCK)
         self._container.mux(self._video.encode(frame))
         self._write_sound(time_s)
 
     def finish(self) -> None:
-        """Writes what the encoders still hold."""
+        """Flushes the encoders."""
         self._container.mux(self._video.encode())
         self._write_sound(self._last_pts / CLOCK)
         if self._audio is not None:
             self._container.mux(self._audio.encode())
 
     def _write_sound(self, until_s: float) -> None:
-        """Encodes sound up to a time, so that the file holds both side by side."""
+        """Encodes sound up to a time in seconds, interleaved with the frames."""
         if self._sound is None or self._audio is None:
             return
         while self._samples < until_s * self._sound.sample_rate:

@@ -1,4 +1,4 @@
-"""Long recordings: audio and video of one place, and the clips cut from them."""
+"""Long recordings of audio and video, and the clips cut from them."""
 
 __all__ = [
     "candidates",

@@ -12,14 +12,20 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.io.video_reader import MAX_FRAME_AGE_S
 from avssl_pyro.recordings.recording import Recording
 
-# Below this a channel holds nothing but rounding: -100 dB of full scale.
+# -100 dB of full scale; below, a channel holds only rounding noise.
 SILENT_RMS = 1e-5
 _SAME_LENGTH_S = 0.5
 
 
 @dataclass(frozen=True)
 class ClipCandidate:
-    """A possible clip: index of its recording, start in seconds, and RMS (full scale 1)."""
+    """A possible clip of a recording.
+
+    Args:
+        recording: index of the recording.
+        start_s: start of the clip in seconds.
+        rms: RMS of the audio relative to full scale.
+    """
 
     recording: int
     start_s: float
@@ -28,19 +34,35 @@ class ClipCandidate:
 
 @dataclass(frozen=True)
 class Survey:
-    """Candidates with sound and a picture, by recording and time, and remarks on what was left out."""
+    """Candidates that have sound and a picture.
+
+    Args:
+        places: candidates, ordered by recording and time.
+        remarks: sentences on the clips and recordings that were left out.
+    """
 
     places: tuple[ClipCandidate, ...]
     remarks: tuple[str, ...]
 
     def loudest(self, count: int | None) -> tuple[ClipCandidate, ...]:
-        """Returns the ``count`` loudest candidates (None: all) in order; of equally loud ones the earlier."""
+        """Returns the ``count`` loudest candidates (None: all), ordered by time.
+
+        Among equally loud candidates the earlier ones are taken.
+        """
         order = np.argsort([-place.rms for place in self.places], kind="stable")[:count]
         return tuple(self.places[index] for index in np.sort(order))
 
 
 def survey(recordings: Sequence[Recording], hop_s: float, duration_s: float, progress: bool = True) -> Survey:
-    """Lists the candidates in one pass over the audio; of videos, only time stamps are read.
+    """Returns the candidates of recordings in one pass over the audio.
+
+    Of videos, only the time stamps are read.
+
+    Args:
+        recordings: recordings to cut.
+        hop_s: time between the starts of consecutive clips in seconds.
+        duration_s: length of a clip in seconds.
+        progress: switch of the progress bar.
 
     Raises:
         InputError: a file is damaged, or no clip of any recording has both sound and a picture.
@@ -90,7 +112,7 @@ def _survey_one(
 
 
 def loudness(audio_mn: npt.NDArray[np.float32]) -> float:
-    """RMS over all channels and samples, without the mean of each channel."""
+    """Returns the RMS over channels and samples, without each channel's mean."""
     return math.sqrt(float(audio_mn.var(axis=1, dtype=np.float64).mean()))
 
 

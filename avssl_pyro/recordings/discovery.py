@@ -1,4 +1,7 @@
-"""Discovery of recordings in a folder or a list: pairs of audio and video with their alignment."""
+"""Discovery of recordings in a folder or a CSV list.
+
+A recording is a pair of an audio and a video file with their alignment.
+"""
 
 import math
 from collections.abc import Iterable
@@ -16,22 +19,34 @@ _COLUMNS = ("video", "audio", "offset_s", "yaw_deg")
 
 @dataclass(frozen=True)
 class RecordingFiles:
-    """The video and audio files of one recording, and their alignment."""
+    """Files and alignment of one recording.
+
+    Args:
+        video: video file.
+        audio: audio file.
+        alignment: alignment of picture and channels with the array.
+    """
 
     video: Path
     audio: Path
     alignment: Alignment
 
     def open(self) -> Recording:
-        """Opens the recording; raises InputError if a file cannot be read or the two do not fit."""
+        """Opens the recording.
+
+        Raises:
+            InputError: a file cannot be read, or audio and video do not fit together.
+        """
         return Recording.open(self.audio, self.video, self.alignment)
 
 
 def recordings_in_folder(folder: Path, alignment: Alignment) -> tuple[tuple[RecordingFiles, ...], tuple[Path, ...]]:
-    """Returns the pairs of files of equal stem, ordered by name, and the files without a partner.
+    """Returns pairs of files with equal stems, and the files without a partner.
+
+    Pairs are ordered by name.
 
     Raises:
-        InputError: there is no such folder, it holds no pair, or two files could be the partner of one.
+        InputError: the folder is missing or holds no pair, or a file has two possible partners.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder of recordings.")
@@ -58,12 +73,16 @@ def _by_stem(folder: Path, suffixes: tuple[str, ...]) -> dict[str, Path]:
 
 
 def read_recording_list(path: Path, alignment: Alignment) -> tuple[RecordingFiles, ...]:
-    """Reads a CSV file with columns ``video``, ``audio`` and optionally ``offset_s``, ``yaw_deg``.
+    """Reads a CSV list of recordings and returns their files in file order.
 
-    File names are relative to the list. ``alignment`` replaces an empty or missing offset or yaw.
+    The columns are ``video``, ``audio`` and optionally ``offset_s`` and ``yaw_deg``.
+
+    Args:
+        path: CSV file; file names in it are relative to its folder.
+        alignment: alignment of all recordings; an offset or yaw in a line replaces its value.
 
     Raises:
-        InputError: the file is missing or damaged, or a line lacks something; the line is named.
+        InputError: the file is missing or damaged, or a line is incomplete; the message names the line.
     """
     table = read_csv_table(path, ("video", "audio"))
     unknown = [column for column in table.columns if column not in _COLUMNS]
@@ -93,7 +112,7 @@ def _number(text: str, column: str, where: str) -> float:
 
 
 def unique_names(recordings: Iterable[Recording]) -> tuple[Recording, ...]:
-    """Recordings whose clips have different names: a repeated name gets a number."""
+    """Returns recordings with unique names; a repeated name gets a number."""
     taken: set[str] = set()
     named = []
     for number, recording in enumerate(recordings):

@@ -1,4 +1,4 @@
-"""Excerpts of a recording: stretches of a second, evenly spread, for its diagnosis."""
+"""Excerpts of a recording for diagnosis: evenly spread windows of one second."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ MOST_EXCERPTS = 60
 
 @dataclass(frozen=True)
 class Excerpts:
-    """B stretches of equal length, evenly spread, at the rate of the file and at 16 kHz.
+    """Evenly spread excerpts of equal length, at the file's rate and at 16 kHz.
 
     Args:
         raw_bmn: samples at the rate of the file, float32 in [-1, 1], (B, M, N); resampling would hide clipping.
@@ -37,25 +37,32 @@ class Excerpts:
         return self.raw_bmn.shape[1]
 
     def check_live(self, path: Path) -> None:
-        """Raises InputError if some channels of the recording at ``path`` are dead."""
+        """Checks that no channel of the recording is dead.
+
+        Args:
+            path: audio file, for the message.
+
+        Raises:
+            InputError: a channel is dead.
+        """
         check_live(np.concatenate(list(self.raw_bmn), axis=-1), path, self.names)
 
     def select(self, channels: Sequence[int]) -> "Excerpts":
-        """Excerpts of the given channels, counted from 0, in the given order."""
+        """Returns the excerpts of the given channels (from 0), in the given order."""
         chosen = list(channels)
         names = tuple(self.names[channel] for channel in chosen)
         return Excerpts(self.raw_bmn[:, chosen], self.rate, self.audio_bmn[:, chosen], names)
 
     @classmethod
     def of_blocks(cls, raw_bmn: npt.NDArray[np.float32], rate: int) -> "Excerpts":
-        """Excerpts of blocks (B, M, N) at ``rate``."""
+        """Builds excerpts from blocks (B, M, N) at a sample rate in Hz."""
         names = tuple(range(raw_bmn.shape[1]))
         audio_bmn = raw_bmn if rate == SAMPLE_RATE else np.ascontiguousarray(resample(raw_bmn, rate, axis=-1))
         return cls(raw_bmn, rate, audio_bmn, names)
 
     @classmethod
     def of_clips(cls, clips: Sequence[Clip]) -> "Excerpts":
-        """Excerpts of clips of one array; the longer ones are cut to the shortest.
+        """Builds excerpts from clips of one array, each cut to the shortest.
 
         Raises:
             InputError: no clip is given.
@@ -67,13 +74,17 @@ class Excerpts:
 
 
 def evenly(total: int, most: int) -> list[int]:
-    """At most ``most`` of ``total`` indices, evenly spread."""
+    """Returns at most ``most`` of ``total`` indices, evenly spread."""
     count = min(total, most)
     return [(2 * index + 1) * total // (2 * count) for index in range(count)]
 
 
 def read_excerpts(path: Path, most: int = MOST_EXCERPTS) -> Excerpts:
-    """Reads up to ``most`` seconds, evenly spread over a WAV or FLAC file of any length, rate and channel count.
+    """Reads up to ``most`` excerpts of one second, evenly spread over a file.
+
+    Args:
+        path: WAV or FLAC file of any length, sample rate and channel count.
+        most: largest number of excerpts.
 
     Raises:
         InputError: the file cannot be read, is shorter than 0.1 s or holds samples that are not finite.

@@ -1,4 +1,4 @@
-"""A folder of audio recordings with a list of the talkers' azimuths in each."""
+"""Audio recordings of a folder with labels: the azimuths of their talkers."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ LABELS_NAME = "labels.csv"
 
 @dataclass(frozen=True)
 class LabeledRecording:
-    """An audio file and the talkers in it.
+    """An audio file with the azimuths of its talkers.
 
     Args:
         path: audio file.
@@ -24,13 +24,14 @@ class LabeledRecording:
 
 
 def read_labeled_recordings(folder: Path) -> tuple[LabeledRecording, ...]:
-    """Reads ``labels.csv`` of a folder: column ``file``, relative to the folder, and column ``azimuth_deg``.
+    """Reads ``labels.csv`` of a folder and returns its recordings in file order.
 
-    The azimuths of several talkers stand in one field with blanks between them, counter-clockwise from the array's x
-    axis; an empty field is a recording in which nobody talks. Other columns are not read.
+    Column ``file`` holds names relative to the folder. Column ``azimuth_deg`` holds azimuths in degrees,
+    counter-clockwise from the array's x axis, with blanks between several talkers. An empty field marks a recording
+    without talkers. Other columns are ignored.
 
     Raises:
-        InputError: the folder, the list or a file of it is missing, or a line cannot be understood; the line is named.
+        InputError: the folder, the list or a listed file is missing, or a line is invalid; the message names the line.
     """
     path = folder / LABELS_NAME
     if not folder.is_dir():

@@ -1,7 +1,8 @@
-"""From recordings to shards to train on: the loudest clips, chosen in one pass and cut out in a second.
+"""Preparation of training shards from the loudest clips of recordings.
 
-The choice is kept in ``selection.json``, so that a command that was killed does not listen to everything again; the
-shards are made as simulated ones are (see :mod:`avssl_pyro.datasets.generation`).
+A first pass selects the clips, a second cuts them. The selection is stored in ``selection.json``, so that an
+interrupted command resumes without the first pass. :mod:`avssl_pyro.datasets.generation` writes the shards, as it
+does for simulated clips.
 """
 
 import json
@@ -27,12 +28,12 @@ MIN_CLIP_S, MAX_CLIP_S = 0.1, 10.0
 
 @dataclass(frozen=True)
 class CuttingConfig:
-    """Which clips are cut out.
+    """Selection of the clips to cut.
 
     Args:
-        clip_s: length of a clip.
-        hop_s: from the beginning of a clip to that of the next.
-        loudest: how many clips to keep, over all recordings; None keeps all.
+        clip_s: length of a clip in seconds.
+        hop_s: time between the starts of consecutive clips in seconds.
+        loudest: number of clips to keep, over all recordings; None keeps all.
     """
 
     clip_s: float = 1.0
@@ -50,7 +51,13 @@ class CuttingConfig:
 
 @dataclass(frozen=True)
 class CutClip:
-    """A clip with what is known of it; labels only where the recording has some."""
+    """A clip with labels and metadata.
+
+    Args:
+        clip: audio and image.
+        labels: azimuths of the sources; None where the recording has no labels.
+        metadata: name of the recording, start in seconds, and RMS.
+    """
 
     clip: Clip
     labels: SceneLabels | None
@@ -59,13 +66,13 @@ class CutClip:
 
 @dataclass(frozen=True)
 class ClipCutter:
-    """Cuts clip after clip out of recordings; picklable.
+    """Cutter of clips from recordings; picklable.
 
     Args:
-        recordings: with names of their own, see :func:`unique_names`.
-        labels: of each recording, None where there are none; by default none at all.
-        places: the clips, by recording and time, so that files are read forward.
-        clip_s: their length.
+        recordings: recordings with unique names, see :func:`unique_names`.
+        labels: rows of labels by recording; None where a recording has none.
+        places: clips to cut, ordered by recording and time so that files are read forward.
+        clip_s: length of a clip in seconds.
     """
 
     recordings: tuple[Recording, ...]
@@ -74,10 +81,14 @@ class ClipCutter:
     clip_s: float
 
     def render(self, index: int) -> CutClip:
-        """Raises InputError when a file is damaged there; it is named."""
+        """Cuts the clip of an index.
+
+        Raises:
+            InputError: a file is damaged at the clip; the message names the file.
+        """
         place = self.places[index]
         recording, rows = self.recordings[place.recording], self.labels[place.recording]
-        # Labels go by the audio's clock.
+        # Times of labels are times of the audio.
         labels = None if rows is None else labels_between(rows, place.start_s + recording.offset_s, self.clip_s)
         metadata = {"recording": recording.name, "start_s": place.start_s, "rms": place.rms}
         return CutClip(recording.clip_at(place.start_s, self.clip_s), labels, metadata)
@@ -85,20 +96,26 @@ class ClipCutter:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What came of it: a manifest per folder, and sentences on what was left out."""
+    """Result of a preparation.
+
+    Args:
+        manifests: manifest of each folder.
+        remarks: sentences on the clips and recordings that were left out.
+    """
 
     manifests: dict[Path, Manifest]
     remarks: tuple[str, ...]
 
 
 def open_for_array(recording: Recording, array: MicrophoneArray) -> Recording:
-    """The recording with the channels of ``array``: those it names itself, or else those of the array's channel map.
+    """Returns the recording with the channels of an array, after a quick check.
 
-    Its first picture is looked at and some of its sound listened to, before anything takes long.
+    The channels are the recording's selection, or else the array's channel map. The check covers the first frame and
+    excerpts of the audio, so that faults appear before the long passes.
 
     Raises:
-        InputError: the channels are not those of the array's microphones, one of them is dead, or the picture is none
-            of 360 degrees.
+        InputError: the channels do not match the array's microphones, one of them is dead, or the picture does not
+            cover 360 degrees.
     """
     recording = recording.with_channels_of(array)
     recording.check_picture()
@@ -118,22 +135,24 @@ def prepare(
     workers: int | None = None,
     progress: bool = True,
 ) -> Prepared:
-    """Makes, or completes, a data set of the loudest clips; ``SceneDataset(folder)`` reads it.
+    """Writes or completes a data set of the loudest clips and returns its manifests.
+
+    ``SceneDataset(folder)`` reads the data set.
 
     Args:
-        folder: where; with a splitter that divides, its sub-folders ``train`` and ``validation``.
-        recordings: with names of their own, see :func:`unique_names`.
-        array: that made them.
-        cutting: which clips.
-        splitter: how clips are kept aside for validation; by default none are.
-        labels: of each recording, stored with the clips for evaluation.
-        scenes_per_shard: clips per tar file.
-        workers: processes, see :func:`generate`.
-        progress: show bars.
+        folder: folder of the shards; a splitter that divides fills its sub-folders ``train`` and ``validation``.
+        recordings: recordings with unique names, see :func:`unique_names`.
+        array: array of all recordings.
+        cutting: selection of the clips.
+        splitter: split into training and validation; by default all clips are in one part.
+        labels: rows of labels by recording, stored with the clips for evaluation.
+        scenes_per_shard: number of clips in a tar file.
+        workers: number of processes, see :func:`generate`.
+        progress: switch of the progress bars.
 
     Raises:
         InputError: see :func:`open_for_array` and :func:`survey`; or the folder holds other clips.
-        OSError: no space, no permission; what is finished stays, nothing half-written does.
+        OSError: there is no space or no permission; finished shards stay, and no partial file is left.
     """
     recordings = tuple(open_for_array(recording, array) for recording in recordings)
     splitter = splitter or NoSplit()
@@ -161,9 +180,9 @@ def _surveyed(
     cutting: CuttingConfig,
     progress: bool,
 ) -> Survey:
-    """The survey that was kept in ``folder``, or a new one, which is kept there."""
+    """Returns the survey stored in ``folder``, or makes and stores a new one."""
     path = folder / SELECTION_NAME
-    # Through JSON and back, so that tuples compare equal to the lists a file gives.
+    # The round trip through JSON makes tuples equal to the lists read from a file.
     wanted = _json_values(configuration)
     if path.exists():
         stored = read_json(path)
@@ -192,12 +211,15 @@ def _surveyed(
 
 
 def _json_values(data: dict[str, Any]) -> dict[str, Any]:
-    """What a JSON file would give back."""
+    """Returns the values after a round trip through JSON."""
     return json.loads(to_json(data))
 
 
 def _identity(recording: Recording) -> dict[str, Any]:
-    """What the manifest says of a recording; files by name and size, so that they may lie in another place."""
+    """Returns the manifest entry of a recording.
+
+    Files are identified by name and size, so that they can move to another folder.
+    """
     video = recording.video
     return {
         "name": recording.name,

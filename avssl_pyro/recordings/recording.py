@@ -1,4 +1,7 @@
-"""A recording: audio of an array with or without 360-degree video, read as clips at any time."""
+"""Recordings: audio of an array, with or without 360-degree video.
+
+Clips can be read at any time of a recording.
+"""
 
 import re
 from collections.abc import Iterator
@@ -26,7 +29,9 @@ _GREY = 128
 
 @dataclass(frozen=True)
 class Alignment:
-    """Position of a recording's picture and channels relative to the array; :class:`Recording` explains each.
+    """Alignment of a recording's picture and channels with the array.
+
+    :class:`Recording` documents the fields.
 
     >>> Alignment(yaw_deg=90.0, mirror=True).offset_s
     0.0
@@ -41,21 +46,23 @@ class Alignment:
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording of any length; times are those of the video (without one, of the audio) in seconds.
+    """A recording of any length, read as clips.
+
+    Times are in seconds of the video, or of the audio where there is no video.
 
     Args:
-        name: beginning of the names of its clips.
+        name: prefix of the names of its clips.
         audio: audio file of the array.
         video: equirectangular video; with None, clips have a plain grey image.
         offset_s: audio time minus video time of the same moment; positive when the audio began first.
         yaw_deg: azimuth, seen from the array, of what the centre column of the picture shows; +90 is left.
-        mirror: the picture shows left and right exchanged; it is mirrored back before it is turned.
-        elevation_range_deg: lowest and highest elevation in the picture, where it is no full sphere twice as wide as
-            high (nor has the proportions of a clip's image, -55 to 55 degrees).
+        mirror: flag of a picture with left and right exchanged; mirroring is undone before the yaw.
+        elevation_range_deg: lowest and highest elevation of the picture in degrees. None stands for a full sphere,
+            twice as wide as high, or for the proportions of a clip's image, -55 to 55 degrees.
         channels: channels of the audio file, counted from 0, in the order of the microphones; by default all.
 
     Raises:
-        InputError: audio and video do not overlap in time, a channel does not exist, or the elevations are no range.
+        InputError: audio and video do not overlap, a channel does not exist, or the elevation range is invalid.
     """
 
     name: str
@@ -107,10 +114,12 @@ class Recording:
         )
 
     def with_channels_of(self, array: MicrophoneArray) -> "Recording":
-        """The recording with the channels it names itself, or else with those of the array's channel map.
+        """Returns the recording with the channels of an array.
+
+        Channels that are already set stay; otherwise the array's channel map applies.
 
         Raises:
-            InputError: the channels are not those of the array's microphones.
+            InputError: the channels do not match the array's microphones.
         """
         where, recording = str(self.audio.path), self
         if self.channels is None:
@@ -125,7 +134,7 @@ class Recording:
 
     @property
     def key(self) -> str:
-        """The name as clips may have it: letters, digits, '-' and '_'."""
+        """Name as used in clips: letters, digits, '-' and '_' alone."""
         return re.sub(r"[^A-Za-z0-9_-]+", "_", self.name)
 
     @property
@@ -134,40 +143,46 @@ class Recording:
 
     @property
     def start_s(self) -> float:
-        """Start of the common stretch of audio and video."""
+        """Start in seconds of the interval that audio and video share."""
         return 0.0 if self.video is None else max(0.0, -self.offset_s)
 
     @property
     def end_s(self) -> float:
-        """End of the common stretch of audio and video."""
+        """End in seconds of the interval that audio and video share."""
         if self.video is None:
             return self.audio.duration_s
         return min(self.video.duration_s, self.audio.duration_s - self.offset_s)
 
     @property
     def duration_s(self) -> float:
-        """Duration of the common stretch of audio and video."""
+        """Duration in seconds of the interval that audio and video share."""
         return self.end_s - self.start_s
 
     def audio_at(self, start_s: float, duration_s: float = 1.0) -> npt.NDArray[np.float32]:
-        """Audio from ``start_s`` on, (M, N), in the order of the microphones; raises as :meth:`AudioFile.read`."""
+        """Reads audio from ``start_s`` on, (M, N), in the order of the microphones.
+
+        Raises:
+            InputError: see :meth:`AudioFile.read`.
+        """
         return self._ordered(self.audio.read_samples(*self._samples(start_s, duration_s)))
 
     def image_at(self, time_s: float) -> npt.NDArray[np.uint8]:
-        """Reads the picture at ``time_s`` as the image of a clip, uint8 RGB, (88, 288, 3).
+        """Reads the frame at ``time_s`` as a clip's image, uint8 RGB, (88, 288, 3).
 
         Raises:
-            InputError: there is no frame, see :meth:`VideoFile.frame_at`, or it has other proportions than said.
+            InputError: there is no frame, see :meth:`VideoFile.frame_at`, or it has unexpected proportions.
         """
         if self.video is None:
             return np.full((IMAGE_ROWS, IMAGE_COLUMNS, 3), _GREY, dtype=np.uint8)
         return self.fit(self.video.frame_at(time_s))
 
     def fit(self, frame_ijc: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-        """Fits a video frame to a clip's image: unmirrored, turned, elevations -55..55, (88, 288, 3).
+        """Returns a video frame as the image of a clip, (88, 288, 3).
+
+        The image is unmirrored, turned by the yaw and cut to elevations of -55 to 55 degrees.
 
         Raises:
-            InputError: the frame is higher than wide, or no full sphere although no elevations were given.
+            InputError: the frame is not wider than high, or is no full sphere although no elevations were given.
         """
         where = self.name if self.video is None else str(self.video.path)
         rows, columns = frame_ijc.shape[:2]
@@ -191,7 +206,7 @@ class Recording:
         """Checks the first frame of the video.
 
         Raises:
-            InputError: the video has none that can be decoded, or it is none of 360 degrees, see :meth:`fit`.
+            InputError: no frame can be decoded, or the first does not cover 360 degrees, see :meth:`fit`.
         """
         if self.video is None:
             return
@@ -203,7 +218,7 @@ class Recording:
         raise InputError(f"{self.video.path}: no frame of it can be decoded; export the video again.")
 
     def clip_at(self, start_s: float, duration_s: float = 1.0) -> Clip:
-        """The clip that begins at ``start_s``, with the picture in the middle of it.
+        """Reads the clip that starts at ``start_s``, with the frame of its middle.
 
         Raises:
             InputError: see :meth:`audio_at` and :meth:`image_at`.
@@ -212,12 +227,16 @@ class Recording:
         return Clip(self.key_at(start_s), self.audio_at(start_s, duration_s), image_ijc)
 
     def windows(self, hop_s: float, duration_s: float = 1.0) -> Iterator[tuple[float, Clip]]:
-        """Clips with the times they begin at, every ``hop_s``, in one pass over audio and video.
+        """Yields start times and clips in one pass over audio and video.
 
-        Windows for which there is no picture (a gap in the video, a damaged end) are left out.
+        Windows without a frame, in a gap or at a damaged end, are left out.
+
+        Args:
+            hop_s: time between the starts of consecutive clips in seconds.
+            duration_s: length of a clip in seconds.
 
         Raises:
-            InputError: the audio is damaged, or the picture has other proportions than said.
+            InputError: the audio is damaged, or a frame has unexpected proportions.
         """
         for start_s, audio_mn in self.audio_windows(hop_s, duration_s):
             if self.video is None:
@@ -228,7 +247,11 @@ class Recording:
                 yield start_s, Clip(self.key_at(start_s), audio_mn, self.fit(frame_ijc))
 
     def audio_windows(self, hop_s: float, duration_s: float = 1.0) -> Iterator[tuple[float, npt.NDArray[np.float32]]]:
-        """Audio (M, N) with the times it begins at, every ``hop_s``; a few seconds are held in memory at a time.
+        """Yields start times and audio (M, N), a few seconds in memory at a time.
+
+        Args:
+            hop_s: time between the starts of consecutive windows in seconds.
+            duration_s: length of a window in seconds.
 
         Raises:
             InputError: the audio is damaged.
@@ -246,20 +269,20 @@ class Recording:
             yield start_s, self._ordered(held_mn[:, :count])
 
     def window_starts(self, hop_s: float, duration_s: float = 1.0) -> list[float]:
-        """The times at which windows begin, seconds; none where the common stretch is shorter than a window.
+        """Returns start times of windows in seconds; none in a shorter recording.
 
         Raises:
             InputError: ``hop_s`` or ``duration_s`` is not positive.
         """
         if not (hop_s > 0.0 and duration_s > 0.0):
             raise InputError(f"a window of {duration_s:g} s every {hop_s:g} s is impossible; both must be positive.")
-        # A stretch that is short of the last sample by rounding still holds the last window.
+        # Rounding can leave the interval a sample short, and it still holds the last window.
         count = int(np.floor((self.duration_s - duration_s) / hop_s + 1e-6)) + 1
         starts_s = [self.start_s + number * hop_s for number in range(max(0, count))]
         return [start_s for start_s in starts_s if sum(self._samples(start_s, duration_s)) <= self.audio.num_samples]
 
     def key_at(self, start_s: float) -> str:
-        """The name of the clip that begins at ``start_s``: the recording's, and milliseconds."""
+        """Returns the name of the clip at ``start_s``: recording and milliseconds."""
         return f"{self.key}-{round(1e3 * start_s):08d}"
 
     def _samples(self, start_s: float, duration_s: float) -> tuple[int, int]:
@@ -272,7 +295,10 @@ class Recording:
 def _cut_elevations(
     frame_ijc: npt.NDArray[np.uint8], elevation_range_deg: tuple[float, float], where: str
 ) -> npt.NDArray[np.uint8]:
-    """Cuts or pads a picture with known elevations to -55..55 degrees, scaled to the proportions of a clip's image."""
+    """Cuts or pads a picture with known elevations to -55..55 degrees.
+
+    The result has the proportions of a clip's image.
+    """
     rows, columns = frame_ijc.shape[:2]
     low, high = elevation_range_deg
     rows_per_degree = rows / (high - low)

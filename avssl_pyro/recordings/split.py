@@ -15,14 +15,17 @@ Parts = dict[str, tuple[ClipCandidate, ...]]
 
 
 class Splitter(Protocol):
-    """Divides clips into named parts, each of which becomes a folder; the name "" is the folder itself."""
+    """Split of clips into named parts, one folder each.
+
+    The part named "" is the folder of the data set.
+    """
 
     def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts: ...
 
 
 @dataclass(frozen=True)
 class NoSplit:
-    """All clips in one part."""
+    """Split with all clips in one part."""
 
     def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts:  # noqa: ARG002
         return {"": tuple(places)}
@@ -30,7 +33,12 @@ class NoSplit:
 
 @dataclass(frozen=True)
 class ByRecording:
-    """Whole recordings are kept aside, drawn by ``seed``: about ``share`` of them, at least one."""
+    """Split by recording: whole recordings, drawn at random, are for validation.
+
+    Args:
+        share: approximate share of the recordings for validation; at least one is drawn.
+        seed: seed of the draw.
+    """
 
     share: float = 0.1
     seed: int = 0
@@ -39,7 +47,11 @@ class ByRecording:
         between(0, 1).check(self, "share")
 
     def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts:  # noqa: ARG002
-        """Raises InputError when fewer than two recordings hold clips."""
+        """Returns the parts ``train`` and ``validation``.
+
+        Raises:
+            InputError: fewer than two recordings hold clips.
+        """
         numbers = sorted({place.recording for place in places})
         if len(numbers) < 2:
             raise InputError(
@@ -55,7 +67,13 @@ class ByRecording:
 
 @dataclass(frozen=True)
 class ByTime:
-    """The last ``share`` of every recording is kept aside; clips across the border are in neither part."""
+    """Split by time: the end of every recording is for validation.
+
+    Clips across the border are in neither part.
+
+    Args:
+        share: share of each recording's duration for validation.
+    """
 
     share: float = 0.1
 
@@ -63,7 +81,11 @@ class ByTime:
         between(0, 1).check(self, "share")
 
     def split(self, places: Sequence[ClipCandidate], recordings: Sequence[Recording], duration_s: float) -> Parts:
-        """Raises InputError when one part comes out empty."""
+        """Returns the parts ``train`` and ``validation``.
+
+        Raises:
+            InputError: a part is empty.
+        """
         borders_s = [recording.end_s - self.share * recording.duration_s for recording in recordings]
         parts = {
             "train": tuple(

@@ -1,10 +1,12 @@
-"""The STARSS23 recordings: four channels on a rigid sphere (or as first-order ambisonics), 360-degree video, labels.
+"""STARSS23 recordings: four channels, 360-degree video and labels.
+
+The channels are microphones on a rigid sphere or first-order ambisonics. The files are::
 
     root/{mic,foa}_dev/dev-{train,test}-{sony,tau}/fold4_room1_mix001.wav
     root/video_dev/dev-train-sony/fold4_room1_mix001.mp4        (or without the folder between)
     root/metadata_dev/dev-train-sony/fold4_room1_mix001.csv     (or without the folder between)
 
-The labels are for evaluation; training does not use them.
+The labels serve evaluation alone; training does not use them.
 """
 
 import re
@@ -24,7 +26,17 @@ _NAME = re.compile(r"fold(\d+)_room(\d+)_mix(\d+)")
 
 @dataclass(frozen=True)
 class StarssFiles:
-    """The files of one recording; ``video`` and ``labels`` are None where the set has none."""
+    """Files of one recording.
+
+    Args:
+        name: stem of the file names.
+        fold: number of the fold.
+        room: number of the room.
+        mix: number of the recording in its room.
+        audio: audio file.
+        video: video file; None where the data set has none.
+        labels: file of labels; None where the data set has none.
+    """
 
     name: str
     fold: int
@@ -35,7 +47,7 @@ class StarssFiles:
     labels: Path | None
 
     def open(self) -> Recording:
-        """Opens audio and video; both start together, and the picture's centre is straight ahead.
+        """Opens the recording, with zero offset and zero yaw.
 
         Raises:
             InputError: a file cannot be read.
@@ -44,22 +56,26 @@ class StarssFiles:
         return Recording(self.name, AudioFile(self.audio), video)
 
     def read_labels(self) -> tuple[DcaseRow, ...]:
-        """Raises InputError when there are no labels or they cannot be read."""
+        """Reads the labels of the recording.
+
+        Raises:
+            InputError: there are no labels, or they cannot be read.
+        """
         if self.labels is None:
             raise InputError(f"recording '{self.name}' has no labels; look for {self.name}.csv in metadata_dev.")
         return read_dcase(self.labels)
 
 
 def list_starss(root: Path, audio_format: str, split: str) -> tuple[StarssFiles, ...]:
-    """Lists the recordings of a split, ordered by name.
+    """Returns the recordings of a split, ordered by name.
 
     Args:
         root: folder with ``mic_dev`` or ``foa_dev``.
-        audio_format: "mic" or "foa".
-        split: "dev-train" or "dev-test".
+        audio_format: format of the audio, "mic" or "foa".
+        split: name of the split, "dev-train" or "dev-test".
 
     Raises:
-        InputError: there is no such format or split, or ``root`` holds no recording of it.
+        InputError: the format or split does not exist, or ``root`` holds no recording of it.
     """
     if audio_format not in FORMATS or split not in SPLITS:
         raise InputError(
