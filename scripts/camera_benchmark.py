@@ -1,4 +1,4 @@
-"""Measures how often a turned or mirrored camera is found; see --help."""
+"""Measures the estimates of yaw and mirroring of simulated cameras; see --help."""
 
 from avssl_pyro.cli.benchmark_recordings import camera
 from avssl_pyro.cli.command import run

@@ -1,4 +1,4 @@
-"""Puts priors, likelihoods and guides beside each other on the same clips; see --help."""
+"""Compares combinations of priors, likelihoods and guides; see --help."""
 
 from avssl_pyro.cli.benchmark import combinations
 from avssl_pyro.cli.command import run

@@ -1,4 +1,4 @@
-"""Prints Pyro's ELBO beside the closed forms; see --help."""
+"""Compares Pyro's ELBO with its closed forms; see --help."""
 
 from avssl_pyro.cli.benchmark import elbo
 from avssl_pyro.cli.command import run

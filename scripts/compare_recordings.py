@@ -1,4 +1,4 @@
-"""Localizes labelled recordings by sound alone, beside SRP-PHAT, MUSIC and NormMUSIC; see --help."""
+"""Compares methods on labelled recordings by audio alone; see --help."""
 
 from avssl_pyro.cli.benchmark_recordings import recordings
 from avssl_pyro.cli.command import run

@@ -1,4 +1,4 @@
-"""The whole method at once; see --help."""
+"""Runs the whole method on simulated scenes; see --help."""
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.demo import main

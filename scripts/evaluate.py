@@ -1,4 +1,4 @@
-"""Scores a checkpoint beside audio-only baselines; see --help."""
+"""Scores trained systems and audio-only baselines; see --help."""
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.evaluate import main

@@ -1,4 +1,4 @@
-"""Pictures in the manner of the paper's Fig. 5; see --help."""
+"""Draws overlays of scenes chosen by a rule; see --help."""
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.gallery import main

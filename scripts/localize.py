@@ -1,4 +1,4 @@
-"""Localizes the sounding objects of clips; see --help."""
+"""Estimates the sources of clips and recordings; see --help."""
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.localize import main

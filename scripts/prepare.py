@@ -1,4 +1,4 @@
-"""Cuts recordings into clips to train on; see --help."""
+"""Cuts recordings into clips for training; see --help."""
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.prepare import main

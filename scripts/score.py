@@ -1,4 +1,4 @@
-"""Scores the directions found in a recording against its labels; see --help."""
+"""Scores directions over a recording against its labels; see --help."""
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.score import main

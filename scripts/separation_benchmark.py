@@ -1,4 +1,4 @@
-"""Prints how well talkers are separated; see --help."""
+"""Scores separated sources by SI-SDR; see --help."""
 
 from avssl_pyro.cli.benchmark_recordings import separation
 from avssl_pyro.cli.command import run

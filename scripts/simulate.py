@@ -1,4 +1,4 @@
-"""Makes audio-visual scenes; see --help."""
+"""Renders labelled audio-visual scenes; see --help."""
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.simulate import main

@@ -1,4 +1,4 @@
-"""Simulates whole 360-degree recordings with labels; see --help."""
+"""Renders labelled 360-degree recordings; see --help."""
 
 from avssl_pyro.cli.command import run
 from avssl_pyro.cli.simulate_recordings import main

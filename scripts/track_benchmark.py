@@ -1,4 +1,4 @@
-"""Prints what tracking adds to single windows; see --help."""
+"""Compares tracks with single windows; see --help."""
 
 from avssl_pyro.cli.benchmark_tracking import tracking
 from avssl_pyro.cli.command import run

@@ -1,4 +1,4 @@
-"""Benchmarks of model and program: ``avssl benchmark {speed, elbo, combinations, calibration}``."""
+"""Runs ``avssl benchmark {speed, elbo, combinations, calibration}``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,16 +18,16 @@ FRESH_ARRAY = "circle4"
 
 @dataclass(frozen=True)
 class SpeedOptions:
-    """Time training steps, reading and localization, and measure their memory, on clips of noise."""
+    """Measure time and memory of training, reading and localization on noise."""
 
     array: str = "circle6"
     """Microphone array: a preset or a YAML file."""
     batch_size: int = 16
     """Clips per training step."""
     num_repeats: int = 20
-    """Timings of each task; medians are shown."""
+    """Number of timings of each task, of which the median is shown."""
     data: tuple[Path, ...] = ()
-    """Folders of shards to read; by default a few scenes made for the purpose."""
+    """Folders of shards to read; by default a few rendered scenes."""
 
 
 def speed(args: Sequence[str] | None = None) -> None:
@@ -52,23 +52,24 @@ def speed(args: Sequence[str] | None = None) -> None:
 
 @dataclass(frozen=True)
 class ElboOptions:
-    """Compare Pyro's ELBO with its closed form and with enumerated masks, in double precision on simulated clips.
+    """Compare Pyro's ELBO with its closed form and with enumerated masks.
 
-    Exit code 1 if exact quantities differ by more than 1e-9 or sampled ones by more than 4 standard errors.
+    All are computed in double precision on simulated clips. Exit code 1 if exact quantities differ by more than 1e-9 or
+    sampled ones by more than 4 standard errors.
     """
 
     checkpoint: Path | None = None
-    """Checkpoint of a training; by default a fresh model."""
+    """Checkpoint of 'avssl train'; by default a system with random weights."""
     array: str | None = None
-    """Preset or YAML file of the array; by default that of the checkpoint, or circle4."""
+    """Preset or YAML file of the array; by default that of --checkpoint, or circle4."""
     model: ModelConfig = field(default_factory=ModelConfig)
     guide: GuideConfig = field(default_factory=GuideConfig)
     num_clips: int = 2
-    """Clips in the batch."""
+    """Number of clips in the batch."""
     seconds: float = 0.25
-    """Length of the clips, up to 1; enumerated masks need memory."""
+    """Length of the clips in seconds, up to 1; enumerated masks need much memory."""
     num_draws: int = 50
-    """Samples behind the comparison with Trace_ELBO."""
+    """Number of samples for the comparison with Trace_ELBO."""
     seed: int = 0
     """Seed of the clips and of all draws."""
 
@@ -113,32 +114,32 @@ def _checkpoint_or_fresh(options: ElboOptions) -> "System":
 
 @dataclass(frozen=True)
 class CombinationsOptions:
-    """F-measure, count accuracy, ELBO and time of combinations of priors, likelihoods and guides.
+    """Compare combinations of priors, likelihoods and guides in a table.
 
-    Each has its thresholds tuned on the validation clips. Finished rows are stored in --out: the same command
-    continues where it stopped.
+    The columns are F-measure, count accuracy, ELBO and time. The thresholds of each are tuned on the validation clips.
+    Finished rows are stored in --out, and the same command continues where it stopped.
     """
 
     checkpoint: Path | None = None
-    """Checkpoint of a training; by default the pretrained weights."""
+    """Checkpoint of 'avssl train'; by default the pretrained weights."""
     array: str | None = None
-    """Preset or YAML file of the array; by default that of the checkpoint, or circle6."""
+    """Preset or YAML file of the array; by default that of --checkpoint, or circle6."""
     validation_data: tuple[Path, ...] = ()
-    """Folders of shards to tune thresholds on; by default scenes made here."""
+    """Folders of shards to tune thresholds on; by default scenes rendered into --cache."""
     test_data: tuple[Path, ...] = ()
-    """Folders of shards to score."""
+    """Folders of shards to score; by default scenes rendered into --cache."""
     num_validation_scenes: int = 100
     """Largest number of scenes to tune on."""
     num_test_scenes: int = 200
     """Largest number of scenes to score."""
     num_combinations: int | None = None
-    """Combinations to run, from the first; by default all."""
+    """Number of combinations to run, from the first; by default all."""
     cache: Path = Path("cache")
     """Folder of the default sets."""
     out: Path = Path("runs/combinations")
     """Folder for combinations.json, combinations.md and rows/."""
     seed: int = 0
-    """Seed of the draws behind ELBOs and intervals."""
+    """Seed of the draws for ELBOs and intervals."""
 
 
 def combinations(args: Sequence[str] | None = None) -> None:
@@ -172,9 +173,10 @@ def combinations(args: Sequence[str] | None = None) -> None:
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """Draw scenes from a small model, fit posteriors to them, and test whether the truth ranks uniformly among draws.
+    """Test posteriors by simulation-based calibration.
 
-    Writes ranks.json and ranks.png. Finished batches are stored in --out: the same command continues where it stopped.
+    Scenes are drawn from a small model, and the truth must rank uniformly among posterior draws. Finished batches are
+    stored in --out, and the same command continues where it stopped. Writes ranks.json and ranks.png.
     """
 
     out: Path = Path("runs/calibration")
@@ -182,11 +184,11 @@ class CalibrationOptions:
     posteriors: tuple[str, ...] = ("refined", "mean field")
     """Any of: 'refined', 'mean field', 'low rank', 'NUTS'; the last two are slow."""
     num_trials: int = 60
-    """Scenes to draw; 200 are more conclusive."""
+    """Number of scenes to draw; 200 are more conclusive."""
     batch_size: int = 20
-    """Scenes that are stored together, and sampled together by NUTS."""
+    """Number of scenes that are stored together, and sampled together by NUTS."""
     seed: int = 0
-    """Seed of the first scene; the others count up."""
+    """Seed of the first scene; each later scene adds 1."""
 
 
 def calibration(args: Sequence[str] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Benchmarks on recordings and sound: ``avssl benchmark {recordings, separation, camera}``."""
+"""Runs ``avssl benchmark {recordings, separation, camera}``."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -21,38 +21,38 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class BaselinePeaks:
-    """Conditions under which a peak of a baseline's spectrum counts as a source, where they are not tuned."""
+    """Untuned conditions under which a peak of a baseline's spectrum is a source."""
 
     threshold: float = 0.5
-    """Least height over the spectrum's minimum, relative to that of its maximum."""
+    """Least height of a peak above the spectrum's minimum, as a share of the maximum's height."""
     most: int = 4
     """Largest number of sources."""
 
 
 @dataclass(frozen=True)
 class RecordingsOptions:
-    """Compare methods on labelled recordings, each of them one clip, without pictures and without training.
+    """Compare methods on labelled recordings by audio alone, without training.
 
-    labels.csv in the folder has the columns file and azimuth_deg: the name of a WAV or FLAC file of up to ten seconds,
-    and the azimuths of everybody who talks in it, in degrees counter-clockwise from the array's x axis, with blanks
-    between them.
+    Each recording is one clip. The folder's labels.csv has the columns file and azimuth_deg. file is the name of a WAV
+    or FLAC file of up to ten seconds. azimuth_deg lists the azimuths of its talkers, separated by blanks, in degrees
+    counter-clockwise from the array's x axis.
     """
 
     recordings: Path
-    """Folder with the recordings and labels.csv."""
+    """Folder of the recordings and labels.csv."""
     array: str = "respeaker4"
     """Array of the recordings: a preset or a YAML file."""
     num_classes: int = 9
-    """Source classes of the model, one of them for noise."""
+    """Number of source classes of the model, one of them for noise."""
     rounds: int = 120
     """Largest number of rounds of refinement."""
     pause_db: float = 20.0
-    """Decibels below the loudest frame of a recording; quieter frames are pauses and are left out."""
+    """Level in decibels below the loudest frame of a recording; quieter frames are pauses and are left out."""
     thresholds: SourceThresholds = field(default_factory=SourceThresholds)
     """Conditions under which a source class counts as a talker."""
     peaks: BaselinePeaks = field(default_factory=BaselinePeaks)
     baseline_band_hz: tuple[float, float] = (500.0, 4000.0)
-    """Frequencies that the baselines search."""
+    """Lowest and highest frequency of the baselines in hertz."""
     verbose: bool = False
     """Print the estimates for every recording."""
 
@@ -85,7 +85,7 @@ def recordings(args: Sequence[str] | None = None) -> None:
     from avssl_pyro.recordings.labeled_recordings import read_labeled_recordings
     from avssl_pyro.systems.system import SystemConfig
 
-    # Model and spectrogram are those of the pretrained weights, of which nothing else is used.
+    # Model and spectrogram are those of the pretrained weights; the weights are not used.
     preset = PRESETS["two-cores"]
     experiment = RecordingsExperiment(
         SystemConfig(
@@ -121,12 +121,13 @@ def _degrees(azimuths: Iterable[float]) -> str:
 
 @dataclass(frozen=True)
 class SeparationOptions:
-    """Separate two talkers, among up to two silent people, and compare with methods that use the truth.
+    """Separate two talkers and compare with methods that use the truth.
 
-    Scores are improvements of SI-SDR over the first microphone, in dB: against each talker's reverberant image at that
-    microphone, and against the direct sound alone. A talker without a source within 10 degrees counts as 0.
-    Rows: delay and sum towards the true mouths; the refined posterior with its filters, also with its own masks,
-    unfitted; that of one forward pass; and ideal ratio masks from the talkers' own power.
+    Up to two silent people are in each scene. Scores are improvements of SI-SDR over the first microphone in dB:
+    against each talker's reverberant image at that microphone, and against the direct sound alone. A talker without a
+    source within 10 degrees scores 0. The rows are delay and sum towards the true mouths; filters of the refined
+    posterior, also with unfitted masks; filters of one forward pass; and ideal ratio masks from the true power of the
+    talkers.
     """
 
     num_scenes: int = 50
@@ -134,7 +135,7 @@ class SeparationOptions:
     array: str = "circle6"
     """Array of the mixtures: a preset or a YAML file."""
     checkpoint: Path | None = None
-    """Checkpoint of a training for this array; by default the pretrained weights."""
+    """Checkpoint of 'avssl train' for this array; by default the pretrained weights."""
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     seed: int = 0
     """Seed of the scenes."""
@@ -159,25 +160,25 @@ def separation(args: Sequence[str] | None = None) -> None:
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """Estimate the yaw and mirror of cameras of simulated recordings, turned and mirrored at random.
+    """Estimate yaw and mirroring of simulated cameras of random orientation.
 
-    Every result is stored in --out: the same command continues where it stopped.
+    Every result is stored in --out, and the same command continues where it stopped.
     """
 
     num_recordings: int = 20
     """Number of recordings."""
     seconds: float = 60.0
-    """Length of each."""
+    """Length of a recording in seconds, at least 8."""
     array: str = "circle6"
     """Array of the recordings: a preset or a YAML file."""
     checkpoint: Path | None = None
-    """Checkpoint of a training for this array; by default the pretrained weights."""
+    """Checkpoint of 'avssl train' for this array; by default the pretrained weights."""
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     standing_share: float = 0.4
-    """Expected share of people who never walk. Two talkers who stand for the whole recording look the same in a picture
-    that is mirrored and turned so that they change places: no search can decide."""
+    """Expected share of people who never walk. Two talkers who never walk make the orientation ambiguous: mirroring
+    and a turn can exchange their places in the picture."""
     width: int = 576
-    """Columns of the pictures, which are half as high."""
+    """Width of the pictures in pixels, at least 288; the height is half of it."""
     seed: int = 0
     """Seed of the recordings."""
     out: Path = Path("runs/camera")

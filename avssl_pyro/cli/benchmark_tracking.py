@@ -1,4 +1,4 @@
-"""The benchmark of tracking: ``avssl benchmark tracking``. Its options are those of simulators, which import torch."""
+"""Runs ``avssl benchmark tracking``, whose options need the simulators and torch."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrackingOptions:
-    """Compare tracked sources with single windows on the same simulated detections."""
+    """Compare tracks with single windows on the same simulated detections."""
 
     num_recordings: int = 10
     """Number of recordings."""
@@ -27,18 +27,18 @@ class TrackingOptions:
     detector: DetectorConfig = field(default_factory=DetectorConfig)
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     rendered: bool = False
-    """Render the talkers in a room and localize their sound window by window, instead of drawing detections."""
+    """Render the talkers in a room and localize them window by window, instead of drawing detections."""
     array: str = "circle6"
     """Array of rendered recordings: a preset or a YAML file."""
     num_classes: int = 5
-    """Source classes of the model for rendered recordings, one of them for noise."""
+    """Number of source classes of the model for rendered recordings, one of them for noise."""
     rounds: int = 90
-    """Largest number of rounds of refinement; many are needed without a picture."""
+    """Largest number of rounds of refinement; audio alone needs many."""
     audio: MovingAudioConfig = field(default_factory=MovingAudioConfig)
     tolerance_deg: float = 10.0
-    """Largest error that counts as correct."""
+    """Largest error in degrees that counts as correct."""
     lag: int = 3
-    """Windows that live tracking waits for."""
+    """Number of later windows that online tracking uses."""
     seed: int = 0
     """Seed of the recordings."""
 

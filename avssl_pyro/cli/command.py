@@ -1,4 +1,4 @@
-"""How every command ends: exit codes, and one sentence instead of a traceback when input or disk is at fault."""
+"""Exit codes of commands, and one sentence per bad input or failing disk."""
 
 import errno
 import os
@@ -13,7 +13,7 @@ EXIT_INTERRUPTED = 130
 
 
 def describe_os_error(error: OSError) -> str:
-    """One sentence for a missing file, a full disk, a permission; the file comes first where it is known."""
+    """Returns one sentence on an OSError, which begins with the file if it is known."""
     where = f"{error.filename}: " if error.filename is not None else ""
     match error.errno:
         case errno.ENOSPC | errno.EDQUOT:
@@ -31,10 +31,13 @@ def describe_os_error(error: OSError) -> str:
 
 
 def run(main: Callable[[], int | None]) -> NoReturn:
-    """Runs a command and leaves the process with its exit code.
+    """Runs a command and ends the process with its exit code.
 
-    0 (or what ``main`` returns) on success, 2 with one sentence on stderr for :class:`InputError` and :class:`OSError`,
-    130 for ctrl-C. Anything else is a defect of this package and keeps its traceback.
+    The code is the result of ``main`` (0 for None), 2 for :class:`InputError` and :class:`OSError`, which are reported
+    in one sentence on standard error, or 130 for ctrl-C. Other exceptions are defects and keep their traceback.
+
+    Args:
+        main: function that runs the command and returns its exit code, or None for 0.
     """
     try:
         code = main() or 0
@@ -43,7 +46,7 @@ def run(main: Callable[[], int | None]) -> NoReturn:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(EXIT_BAD_INPUT)
     except BrokenPipeError:
-        # The reader of a pipe (head, less) left; Python's own flush at exit must not complain about it a second time.
+        # The reader of the pipe (head, less) has closed it; Python's flush at exit would raise the error again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
     except OSError as error:

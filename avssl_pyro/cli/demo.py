@@ -1,4 +1,4 @@
-"""Runs the whole method on two cores: a first picture, scenes, training without labels, evaluation, pictures."""
+"""Runs the whole method on simulated scenes, on two cores: ``avssl demo``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,20 +18,23 @@ FIRST_ARRAY = "circle6"
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """Localize a first scene with the pretrained weights; then simulate, train without labels, compare and draw."""
+    """Run the whole method: localize, simulate, train, evaluate and draw.
+
+    The first scene is localized with the pretrained weights; training needs no labels.
+    """
 
     out: Path = Path("runs/demo")
     """Folder of the results."""
     cache: Path = Path("cache")
-    """Folder of the scenes."""
+    """Folder of the simulated scenes."""
     num_scenes: int = 3000
-    """Training scenes."""
+    """Number of training scenes."""
     num_test_scenes: int = 200
-    """Test scenes."""
+    """Number of test scenes."""
     num_validation_scenes: int = 100
-    """Scenes to tune thresholds on."""
+    """Number of validation scenes, on which thresholds are tuned."""
     overlays: int = 6
-    """Pictures to draw, of the first test scenes."""
+    """Number of overlays to draw, one for each of the first test scenes."""
     optimization: OptimizationConfig = PRESETS["quick"].optimization
 
 
@@ -45,10 +48,10 @@ def main(args: Sequence[str] | None = None) -> None:
 
 
 def draw_first_picture(folder: Path) -> Path:
-    """Localizes one simulated scene with the pretrained weights, and writes its overlay and its separated sounds.
+    """Localizes one simulated scene; writes its overlay and its separated sounds.
 
     Args:
-        folder: folder to write to; it is made if it does not exist.
+        folder: folder of the files; it is made if it does not exist.
 
     Returns:
         The path of the overlay.
@@ -102,7 +105,14 @@ def _train_and_compare(options: DemoOptions) -> None:
 
 
 def draw_overlays(localizer: "Localizer", dataset: "SceneDataset", number: int, folder: Path) -> None:
-    """Draws the first ``number`` scenes of a data set with their true azimuths as ``overlay-*.png``."""
+    """Draws overlays of the first scenes of a data set as ``overlay-*.png``.
+
+    Args:
+        localizer: localizer of the scenes.
+        dataset: scenes with their true azimuths.
+        number: largest number of overlays.
+        folder: folder of the pictures.
+    """
     from avssl_pyro.benchmarks.gallery import draw_scene
     from avssl_pyro.io.images import save_png
 

@@ -1,4 +1,4 @@
-"""Checks a recording against its array and its camera before anything is trained on it."""
+"""Checks recordings or shards against their array and camera: ``avssl doctor``."""
 
 from __future__ import annotations
 
@@ -26,26 +26,30 @@ FORMAT = "avssl-diagnosis/1"
 
 @dataclass(frozen=True)
 class DoctorOptions:
-    """Check a recording against its array, and with a model against its camera; exit code 1 if something is wrong."""
+    """Check a recording or shards against the array and the camera.
+
+    The check of the camera needs --checkpoint or --camera. The exit code is 1 if a finding is worse than a note,
+    otherwise 0.
+    """
 
     audio: Path | None = None
     """WAV or FLAC of any rate and length, one channel per microphone."""
     video: Path | None = None
-    """The 360-degree video taken with it."""
+    """360-degree video of the recording, equirectangular."""
     image: Path | None = None
-    """Instead of a video: one equirectangular image of the whole recording."""
+    """Instead of --video: one equirectangular image for the whole recording."""
     data: Path | None = None
-    """Instead of files: a folder of shards."""
+    """Instead of --audio: folder of shards made by 'avssl simulate' or 'avssl prepare'."""
     array: str | None = None
-    """Preset or YAML file of the array; by default that of --data or --checkpoint."""
+    """Preset or YAML file of the array; by default that of --data, or with --audio that of --checkpoint."""
     checkpoint: Path | None = None
-    """Checkpoint of svi_train.py, to find out how the camera is turned against the array and whether it is mirrored."""
+    """Checkpoint of 'avssl train', to estimate the yaw of the camera and whether its picture is mirrored."""
     camera: bool = False
-    """Find that out with the weights that come with the package."""
+    """Estimate yaw and mirroring with the pretrained weights if no --checkpoint is given."""
     alignment: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
-    """How picture and sound lie to each other, as far as known."""
+    """Position of picture and sound relative to each other, as far as known."""
     json: bool = False
-    """Print JSON instead of lines."""
+    """Print JSON instead of one line per finding."""
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -55,7 +59,7 @@ def main(args: Sequence[str] | None = None) -> int:
         0 if there is no finding worse than a note, otherwise 1.
 
     Raises:
-        InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
+        InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
     from avssl_pyro.diagnosis.finding import Severity
     from avssl_pyro.systems.checkpoint import load_checkpoint

@@ -1,4 +1,4 @@
-"""Scores trained systems and audio-only baselines on labelled scenes: ``avssl evaluate``."""
+"""Scores trained systems and audio-only baselines: ``avssl evaluate``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,43 +22,44 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EvaluateOptions:
-    """Precision, recall, F-measure, count accuracy and error of a checkpoint, of MUSIC, NormMUSIC and SRP-PHAT.
+    """Score a trained system and audio-only baselines on labelled scenes.
 
-    Thresholds of every method are tuned on the validation scenes and applied to the test scenes. With --tables, the
-    paper's Tables I-III: both conditions, every array given, the paper's figures, tolerances, calibration.
+    The baselines are MUSIC, NormMUSIC and SRP-PHAT. The scores are precision, recall, F-measure, count accuracy and
+    error. Thresholds of every method are tuned on the validation scenes and applied to the test scenes. With --tables,
+    the paper's Tables I-III are made: both conditions, every array, the published numbers, tolerances and calibration.
     """
 
     checkpoint: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Checkpoint of a training (.safetensors); with --tables one per number of microphones, the option repeated. By
+    """Checkpoint of 'avssl train' (.safetensors); with --tables repeat the option for each number of microphones. By
     default the pretrained weights."""
     array: str | None = None
-    """Without --tables: preset or YAML file of the array; by default that of the checkpoint, or circle6."""
+    """Without --tables: preset or YAML file of the array; by default that of --checkpoint, or circle6."""
     out: Path = Path("runs/evaluation")
     """Folder for report.json and report.md, or tables.json, tables.md, roc.png and cells/."""
     tables: bool = False
-    """Make the paper's tables. Finished cells are stored in --out: the same command continues where it stopped."""
+    """Make the paper's tables. Finished cells are stored in --out, and the same command continues where it stopped."""
     no_audio_checkpoint: tyro.conf.UseAppendAction[tuple[Path, ...]] = ()
-    """Checkpoints trained with --guide.no-audio-net, one per array; by default the row no-audio-net is the same visual
-    network with all mixing levels at 1/K."""
+    """Checkpoint of 'avssl train --guide.no-audio-net'; repeat the option for each array. By default the row
+    no-audio-net is the same visual network with all mixing levels at 1/K."""
     sets: Path | None = None
     """Folder with four sets of 'avssl simulate': all-speak-validation, all-speak-test, some-silent-validation and
-    some-silent-test; by default small sets made here."""
+    some-silent-test; by default small sets rendered into --cache."""
     validation_data: tuple[Path, ...] = ()
-    """Instead of --sets and without --tables: folders of shards to tune thresholds on."""
+    """Instead of --sets, without --tables: folders of shards to tune thresholds on."""
     test_data: tuple[Path, ...] = ()
-    """Instead of --sets and without --tables: folders of shards to score."""
+    """Instead of --sets, without --tables: folders of shards to score."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
-    """Condition of the sets, and name of it in the report; --tables runs both."""
+    """Condition of the sets, as named in the report; --tables runs both."""
     cache: Path = Path("cache")
     """Folder of the default sets."""
     num_validation_scenes: int = 100
-    """Size of the default validation set."""
+    """Number of scenes in the default validation set."""
     num_test_scenes: int = 200
-    """Size of the default test set."""
+    """Number of scenes in the default test set."""
     rounds: int = RefinementConfig().rounds
-    """Largest number of rounds of refinement, at least 1, for the rows refined."""
+    """Largest number of rounds of refinement, at least 1, for the refined rows."""
     same_band: bool = False
-    """Let the baselines search all frequencies of the system's spectrogram, instead of pyroomacoustics' 500-4000 Hz."""
+    """Use all frequencies of the system's spectrogram for the baselines, instead of pyroomacoustics' 500-4000 Hz."""
     workers: int | None = None
     """Processes for the baselines; by default one per core."""
     device: str = "cpu"
@@ -75,7 +76,7 @@ def main(args: Sequence[str] | None = None) -> None:
 
 
 def evaluate_with(options: EvaluateOptions) -> None:
-    """Evaluates as the options say, prints the tables and writes the report."""
+    """Scores the systems and baselines, prints the tables and writes the report."""
     _check(options)
     from avssl_pyro.benchmarks.comparison import load_systems, make_suites, run_methods, score_runs
     from avssl_pyro.benchmarks.paper import run_paper
@@ -120,7 +121,7 @@ def _check(options: EvaluateOptions) -> None:
 
 
 def _systems(options: EvaluateOptions) -> "list[System]":
-    """Systems of the checkpoints, or the pretrained ones."""
+    """Returns the systems of the checkpoints, or the pretrained systems."""
     from avssl_pyro.benchmarks.comparison import load_systems
     from avssl_pyro.systems.pretrained import load_weights_of
 
@@ -131,7 +132,7 @@ def _systems(options: EvaluateOptions) -> "list[System]":
 
 
 def _scenes(options: EvaluateOptions, condition: str, split: "Split", array: "MicrophoneArray") -> "LabeledClips":
-    """Scenes of the given folders, or the default ones of the condition and split."""
+    """Opens the given folders, or the default scenes of the condition and split."""
     from avssl_pyro.datasets.builtin import VALIDATION, open_scenes
 
     folders = options.validation_data if split is VALIDATION else options.test_data

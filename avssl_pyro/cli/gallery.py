@@ -1,4 +1,4 @@
-"""Draws pictures in the manner of the paper's Fig. 5, of scenes chosen by a rule: ``avssl gallery``."""
+"""Draws overlays of scenes chosen by a rule, as in Fig. 5: ``avssl gallery``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,21 +12,22 @@ from avssl_pyro.systems.config import MOST_GENERAL
 
 @dataclass(frozen=True)
 class GalleryOptions:
-    """Draw the first scenes of a set with a silent person: some with two talkers, as many with three.
+    """Draw the first scenes of a set with a silent person.
 
-    Scenes with anybody closer than a metre are left out, so that no face is larger than a few pixels.
+    As many have two talkers as three. Scenes with a person closer than a metre are left out, so that no face is larger
+    than a few pixels.
     """
 
     data: Path
     """Folder of shards made by 'avssl simulate'."""
     out: Path = Path("runs/gallery.png")
-    """Picture: scenes with two talkers on the left, with three on the right."""
+    """PNG file: scenes with two talkers on the left, with three on the right."""
     checkpoint: Path | None = None
-    """Checkpoint of a training; by default the pretrained weights."""
+    """Checkpoint of 'avssl train'; by default the pretrained weights."""
     array: str | None = None
-    """Preset or YAML file of the array; by default that of the checkpoint, or circle6."""
+    """Preset or YAML file of the array; by default that of --checkpoint, or circle6."""
     num_each: int = 3
-    """Scenes for each number of talkers."""
+    """Number of scenes for each number of talkers."""
 
 
 def main(args: Sequence[str] | None = None) -> None:

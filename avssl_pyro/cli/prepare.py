@@ -1,4 +1,4 @@
-"""Cuts recordings into clips to train on."""
+"""Cuts recordings into clips for training: ``avssl prepare``."""
 
 from __future__ import annotations
 
@@ -24,60 +24,61 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PrepareOptions:
-    """Cut the loudest clips, each with a picture, out of recordings: shards for svi_train.py --data.
+    """Cut the loudest clips of recordings into shards for 'avssl train --data'.
 
-    Give one recording (--video and --audio), a --folder of them, a --manifest, or a copy of STARSS23 (--starss). Any
-    length, rate and channel count will do; killed at any moment, the same command goes on.
+    Each clip has an image. Give one recording (--video and --audio), a --folder of them, a --manifest, or a copy of
+    STARSS23 (--starss). Any length, rate and number of channels will do. After an interruption, the same command
+    continues where it stopped.
     """
 
     out: Path
-    """Folder to write to; with --validation, its sub-folders train and validation."""
+    """Folder of the shards; with --validation, its sub-folders train and validation."""
     array: str | None = None
-    """Microphone array: a preset or a YAML file; for STARSS23 by default its own."""
+    """Array of the recordings: a preset or a YAML file; with --starss by default starss23-mic or starss23-foa."""
     video: Path | None = None
     """360-degree video of one recording, equirectangular, any frame rate."""
     audio: Path | None = None
     """Audio of one recording: WAV or FLAC, any rate."""
     folder: Path | None = None
-    """Folder of recordings: a video and an audio file of the same name for each."""
+    """Folder of recordings, each a video and an audio file of the same name."""
     manifest: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
-    """CSV file with columns video,audio and if wanted offset_s,yaw_deg; file names relative to it."""
+    """CSV file with the columns video and audio, optionally offset_s and yaw_deg; file names are relative to it."""
     starss: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder of STARSS23, with mic_dev or foa_dev, video_dev and metadata_dev in it."""
+    """Folder of STARSS23 that contains mic_dev or foa_dev, video_dev and metadata_dev."""
     format: Literal["mic", "foa"] = "mic"
-    """Which of STARSS23's audio: the microphones or first-order ambisonics."""
+    """Audio format of STARSS23: microphones (mic) or first-order ambisonics (foa)."""
     split: Literal["dev-train", "dev-test"] = "dev-train"
-    """Which part of STARSS23."""
+    """Development split of STARSS23."""
     alignment: Annotated[AlignmentOptions, tyro.conf.arg(name="")] = field(default_factory=AlignmentOptions)
     clip_seconds: float = 1.0
-    """Length of a clip."""
+    """Length of a clip in seconds."""
     hop: float | None = None
-    """Seconds from clip to clip; by default the length of a clip, so that none overlap."""
+    """Seconds between the starts of clips; by default --clip-seconds, so that clips do not overlap."""
     top: int = 5000
-    """Keep this many clips, the loudest of all recordings; 0 keeps all."""
+    """Number of clips to keep, the loudest of all recordings; 0 keeps all."""
     validation: Literal["none", "recording", "time"] = "none"
-    """Keep clips aside: whole recordings, or the end of each."""
+    """Clips kept aside: none, those of whole recordings, or (time) those at the end of each recording."""
     validation_share: float = 0.1
-    """How much is kept aside."""
+    """Share of the recordings, or of the time of each, that is kept aside."""
     seed: int = 0
-    """Which recordings are kept aside."""
+    """Seed of the choice of recordings kept aside."""
     shard_size: int = 100
     """Clips per tar file."""
     workers: int = 1
-    """Processes that cut clips; each decodes video with several threads already."""
+    """Processes that cut clips; each decodes video with several threads."""
 
 
 def main(args: Sequence[str] | None = None) -> None:
     """Runs the command with ``args`` (by default those of the process).
 
     Raises:
-        InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
+        InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
     prepare_with(parse_options(PrepareOptions, args))
 
 
 def prepare_with(options: PrepareOptions) -> Prepared:
-    """Prepares as the options say, and prints what was left out and what was made."""
+    """Prepares the clips, prints warnings and the shards, and returns the result."""
     from avssl_pyro.recordings.discovery import unique_names
     from avssl_pyro.recordings.preparation import CuttingConfig, prepare
 

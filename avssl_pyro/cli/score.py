@@ -1,4 +1,4 @@
-"""Scores estimated directions of a whole recording against its labels: ``avssl score``."""
+"""Scores directions over a recording against its labels: ``avssl score``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,21 +10,21 @@ from avssl_pyro.errors import InputError
 
 @dataclass(frozen=True)
 class ScoreOptions:
-    """Score directions against labels in every frame of 100 ms, whatever their class.
+    """Score directions against labels in every frame of 100 ms.
 
-    Give --estimates, or --audio for the baselines, or both.
+    The classes of labels are ignored. Give --estimates, --audio for the baselines, or both.
     """
 
     labels: Path
-    """CSV of the labels, in any of DCASE's forms."""
+    """CSV file of the labels, in any of DCASE's formats."""
     estimates: tuple[Path, ...] = ()
     """CSV files written by 'avssl localize --dcase'."""
     audio: Path | None = None
-    """Sound of the recording, for SRP-PHAT, MUSIC and NormMUSIC."""
+    """Audio of the recording, for the baselines SRP-PHAT, MUSIC and NormMUSIC."""
     array: str = "starss23-mic"
     """Array of --audio: a preset or a YAML file."""
     tolerances_deg: tuple[float, ...] = (10.0, 20.0)
-    """Largest errors that count as correct, degrees; a table for each."""
+    """Largest errors in degrees that count as correct; each gives one table."""
 
 
 def main(args: Sequence[str] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Makes scenes, or checks the ones that were made."""
+"""Renders, previews or verifies labelled scenes: ``avssl simulate``."""
 
 from __future__ import annotations
 
@@ -25,44 +25,48 @@ EXIT_UNSOUND = 1
 
 @dataclass(frozen=True)
 class SimulateOptions:
-    """Make audio-visual scenes and store them as WebDataset shards; killed at any moment, the same command goes on.
+    """Render audio-visual scenes and store them as WebDataset shards.
 
-    Without --speech, --people or --panoramas, material made in code stands in for what is missing.
+    Synthetic material replaces --speech, --people or --panoramas where they are not given. After an interruption, the
+    same command continues where it stopped.
     """
 
     out: Path | None = None
-    """Folder to write to; on a cluster one that all workers share."""
+    """Folder of the shards; on a cluster, one that all workers share."""
     num_scenes: int = 2000
-    """How many scenes."""
+    """Number of scenes."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
-    """all-speak: two or three people, all talking; some-silent: two to four people, two or three of them talking."""
+    """all-speak: two or three people, all of them talkers; some-silent: two to four people, two or three talkers."""
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     array: str = "circle246"
-    """Microphones to render: a preset or a YAML file. circle246 can be read as circle2, circle4 or circle6 later."""
+    """Array to render: a preset or a YAML file. Shards of circle246 can be read as circle2, circle4 or circle6."""
     seed: int = 0
-    """Same seed, same bytes. Use another one for every set that must not share scenes."""
+    """Seed of the scenes; the same seed gives the same bytes. Sets that must not share scenes need different seeds."""
     shard_size: int = 100
     """Scenes per tar file."""
     workers: int | None = None
-    """Processes; by default one per core."""
+    """Processes that render; by default one per core."""
     scheduler: str | None = None
-    """Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work instead of local processes."""
+    """Address of a Dask scheduler, such as tcp://host:8786, whose workers replace local processes."""
     preview: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None
-    """Write a contact sheet of twelve scenes with their true azimuths; without --out nothing else is written."""
+    """Contact sheet of up to twelve scenes with their true azimuths; without --out nothing else is written."""
     verify: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Instead of making scenes, check those in DIR; exit code 1 and a line per bad shard if they are not sound."""
+    """Folder of shards to verify instead of rendering; one line per problem, and exit code 1 if there are any."""
 
 
 def parse(args: Sequence[str] | None = None) -> SimulateOptions:
-    """Options of the command line."""
+    """Returns the options of the command line."""
     return parse_options(SimulateOptions, args)
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Runs the command with ``args`` (by default those of the process) and returns its exit code.
+    """Runs the command and returns its exit code.
+
+    Args:
+        args: words of the command line; by default those of the process.
 
     Raises:
-        InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
+        InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
     from avssl_pyro.io.images import write_png
 

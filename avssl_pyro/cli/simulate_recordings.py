@@ -1,4 +1,4 @@
-"""Simulates whole 360-degree recordings in the format of STARSS23, to try everything without owning a robot."""
+"""Renders recordings in STARSS23's format: ``avssl simulate-recordings``."""
 
 from __future__ import annotations
 
@@ -24,50 +24,49 @@ if TYPE_CHECKING:
     from avssl_pyro.simulation.recordings import RecordingSimulator, SimulatedRecording
 
 FRAME_RATE = 30_000 / 1001
-# STARSS23's own folds of these splits.
+# Folds of these splits in STARSS23, by which its file names begin.
 FOLDS = {"dev-train": 3, "dev-test": 4}
 SOURCE = "simulated"
 
 
 @dataclass(frozen=True)
 class SimulateRecordingsOptions:
-    """Simulate 360-degree recordings with labels: a room, people who walk, stand, talk and keep silent.
+    """Render labelled 360-degree recordings of people in a room.
 
-    Written are mic_dev (or foa_dev), video_dev and metadata_dev as in STARSS23, which prepare.py --starss reads.
-    Without
-    --speech, --people or --panoramas, material made in code stands in for what is missing.
+    The people walk, stand, talk and pause. Writes mic_dev (or foa_dev), video_dev and metadata_dev as in STARSS23, for
+    'avssl prepare --starss'. Synthetic material replaces --speech, --people or --panoramas where they are not given.
     """
 
     out: Path
-    """Folder to write to; recordings of other seeds may be there already."""
+    """Folder of the recordings; it may hold recordings of other seeds."""
     seconds: float = 60.0
-    """Length of a recording."""
+    """Length of a recording in seconds, from 1 to 3600."""
     recordings: int = 1
-    """How many recordings."""
+    """Number of recordings, from 1 to 999."""
     array: str = "starss23-mic"
-    """Microphones: a preset or a YAML file (docs/arrays.md), of any kind but measured responses."""
+    """Array to render: a preset or a YAML file (docs/arrays.md), without measured responses."""
     seed: int = 0
-    """Same seed, same sound and labels. It is the number of the room in the names of the files."""
+    """Seed of the recordings, and number of the room in file names; the same seed gives the same sound and labels."""
     split: Literal["dev-train", "dev-test"] = "dev-test"
-    """Where it belongs."""
+    """STARSS23 split of the recordings."""
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     width: int = 1920
-    """Columns of the video, which is half as high; a multiple of four."""
+    """Width of the video in pixels, at least 288 and a multiple of four; the height is half of it."""
     frame_rate: float = FRAME_RATE
-    """Frames of the video per second."""
+    """Frame rate of the video in hertz, from 1 to 120."""
     sample_rate: int = 24_000
-    """Of the audio, hertz; voices go up to 8 kHz."""
+    """Sample rate of the audio in hertz, from 8000 to 192000; speech extends up to 8 kHz."""
     yaw: float = 0.0
-    """Azimuth, in degrees seen from the array, of what the middle of the picture shows."""
+    """Azimuth of the picture's centre column in degrees, counter-clockwise from the array's x axis."""
     mirror: bool = False
-    """Show left and right exchanged."""
+    """Mirror the picture, so that left and right are exchanged."""
 
 
 def main(args: Sequence[str] | None = None) -> None:
     """Runs the command with ``args`` (by default those of the process).
 
     Raises:
-        InputError, OSError: told in one sentence by :func:`avssl_pyro.cli.command.run`.
+        InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`.
     """
     options = parse_options(SimulateRecordingsOptions, args)
     _check(options)
@@ -117,7 +116,7 @@ def _simulator(options: SimulateRecordingsOptions) -> RecordingSimulator:
 
 
 def _paths(options: SimulateRecordingsOptions, array: MicrophoneArray, name: str) -> tuple[Path, Path, Path]:
-    """Of audio, labels and video, as STARSS23 has them."""
+    """Paths of audio, labels and video in STARSS23's layout; makes their folders."""
     from avssl_pyro.acoustics.steering_kinds import AmbisonicsKind
 
     audio_format = "foa" if isinstance(array.steering, AmbisonicsKind) else "mic"
@@ -133,7 +132,7 @@ def _paths(options: SimulateRecordingsOptions, array: MicrophoneArray, name: str
 
 
 def _write_audio(path: Path, recording: SimulatedRecording, rate: int) -> None:
-    """16 bit, on the channels that the array's file says, others silent."""
+    """Writes 16-bit audio on the channels of the array; other channels are silent."""
     import numpy as np
     import soundfile
     from scipy.signal import resample_poly

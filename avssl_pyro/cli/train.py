@@ -1,4 +1,4 @@
-"""Trains the networks by stochastic variational inference."""
+"""Trains the networks by stochastic variational inference: ``avssl train``."""
 
 import sys
 from collections.abc import Sequence
@@ -10,13 +10,16 @@ EXIT_DIVERGED = 1
 
 
 def parse(args: Sequence[str] | None = None) -> TrainingConfig:
-    """Options of the command line, on top of those of ``--preset``."""
+    """Returns the options of the command line; ``--preset`` sets their defaults."""
     default = PRESETS.get(given("--preset", args) or "quick", PRESETS["quick"])
     return parse_options(TrainingConfig, args, default)
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Runs the command with ``args`` (by default those of the process) and returns its exit code.
+    """Runs the command and returns its exit code.
+
+    Args:
+        args: words of the command line; by default those of the process.
 
     Raises:
         InputError, OSError, KeyboardInterrupt: reported in one sentence by :func:`avssl_pyro.cli.command.run`.

@@ -1,4 +1,4 @@
-"""Plain neural networks: tensors in, distribution parameters out."""
+"""Neural networks from images and spectrograms to distribution parameters."""
 
 __all__ = [
     "audio",

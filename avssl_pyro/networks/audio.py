@@ -1,4 +1,4 @@
-"""AudioNet: a network from beamformed log power to the mixing level of every source class (Fig. 3 b)."""
+"""Audio network from beamformed log power to mixing levels (Fig. 3 b)."""
 
 from collections.abc import Sequence
 
@@ -7,9 +7,14 @@ from torch import Tensor, nn
 
 
 class DilatedSeparableConv(nn.Module):
-    """Dilated depthwise-separable convolution over time with batch norm, leaky ReLU and a residual connection.
+    """Dilated depthwise-separable convolution over time with a residual connection.
 
-    Works on (B, C, D, T): filters over time, separately for every direction (or source).
+    Filters (B, C, D, T) over time, separately for every direction (or source), with batch norm and leaky ReLU.
+
+    Args:
+        channels: number of channels C.
+        dilation: dilation over time in frames.
+        dropout: probability of dropping a channel.
     """
 
     def __init__(self, channels: int, dilation: int, dropout: float) -> None:
@@ -27,21 +32,22 @@ class DilatedSeparableConv(nn.Module):
 
 
 class AudioNet(nn.Module):
-    """The audio DNN of Fig. 3 (b).
+    """Audio network of Fig. 3 (b), which estimates the mixing levels of sources.
 
-    Delay-and-sum beamforming towards all D directions, log amplitude, normalisation per frequency, frequencies as
-    channels, convolutions over time, directions combined into sources by w (Eq. 3), convolutions, average over
-    time, affine, softmax over sources. Beyond the paper, a source is compared with the others before the affine map,
-    because its own features do not separate a source from the neighbour of one.
+    The stages are delay-and-sum beamforming towards all D directions, log power, normalisation per frequency,
+    convolutions over time with frequencies as channels, combination of directions into sources by w (Eq. 3),
+    convolutions, average over time, an affine map and a softmax over sources. Beyond the paper, features of a source
+    are compared with those of all sources before the affine map. Without this, a source and its neighbour have similar
+    features.
 
     Args:
         steering_fdm: steering vectors, complex (F, D, M).
-        channels: width of the convolutions.
-        direction_dilations: dilations of the convolutions before directions are combined.
-        source_dilations: dilations of the convolutions after.
-        dropout: probability in every block.
-        most_bins: largest number of frequencies; every n-th of the given ones is used, which keeps the information of
-            speech on directions at a fraction of the cost.
+        channels: number of channels of the convolutions.
+        direction_dilations: dilations, in frames, of the convolutions before directions are combined.
+        source_dilations: dilations, in frames, of the convolutions after directions are combined.
+        dropout: probability of dropping a channel in every block.
+        most_bins: largest number of frequencies; every n-th frequency is used, which preserves the information on
+            directions at a fraction of the cost.
         pooled_frames: number of frames averaged in power before the logarithm.
     """
 
@@ -77,7 +83,10 @@ class AudioNet(nn.Module):
 
     @torch.no_grad()
     def _log_power(self, x_bfmt: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Beamformed log-power (B, F', D T') and its mean and standard deviation per frequency, (B, F')."""
+        """Returns beamformed log power, and its mean and standard deviation.
+
+        The log power is (B, F', D T'), mean and standard deviation per frequency are (B, F').
+        """
         with torch.autocast(x_bfmt.device.type, enabled=False):
             return self._beamformed(x_bfmt)
 
@@ -97,10 +106,14 @@ class AudioNet(nn.Module):
         return log_power, mean_bf, (square_bf - mean_bf.square()).clamp_min(0).sqrt()
 
     def direction_features(self, x_bfmt: Tensor) -> Tensor:
-        """Features u_cd of every direction, (B, C, D, T'), of a spectrogram (B, F, M, T)."""
+        """Returns features u_cd of every direction, (B, C, D, T').
+
+        Args:
+            x_bfmt: spectrogram, (B, F, M, T).
+        """
         log_power, mean_bf, std_bf = self._log_power(x_bfmt)
-        # (u - mean) / std followed by a 1x1 convolution over frequencies is one product with rescaled weights: the
-        # normalised copy of the largest tensor of the network is never made.
+        # (u - mean) / std followed by a 1x1 convolution over frequencies is one product with rescaled weights, which
+        # avoids a normalised copy of the network's largest tensor.
         weight_bcf = self.embed.weight / (std_bf[:, None, :] + 1e-3)
         offset_bc = weight_bcf @ mean_bf[..., None]
         embedded = torch.baddbmm(-offset_bc, weight_bcf, log_power)
@@ -109,7 +122,12 @@ class AudioNet(nn.Module):
         return features
 
     def levels(self, feature_bcdt: Tensor, share_bkd: Tensor) -> Tensor:
-        """Mixing levels pi_bar (P..., B, K) of sources whose weights over directions sum to 1, (P..., B, K, D)."""
+        """Returns mixing levels pi_bar, (P..., B, K).
+
+        Args:
+            feature_bcdt: result of :meth:`direction_features`, (B, C, D, T').
+            share_bkd: weights of the sources over directions, which sum to 1, (P..., B, K, D).
+        """
         particles = share_bkd.shape[:-3]
         b, _, d, _ = feature_bcdt.shape
         k = share_bkd.shape[-2]
@@ -123,5 +141,10 @@ class AudioNet(nn.Module):
         return logit_bpk.transpose(0, 1).reshape(*particles, b, k).softmax(dim=-1)
 
     def forward(self, x_bfmt: Tensor, share_bkd: Tensor) -> Tensor:
-        """Mixing levels pi_bar_bk of Eq. (2)."""
+        """Returns mixing levels pi_bar_bk of Eq. (2).
+
+        Args:
+            x_bfmt: spectrogram, (B, F, M, T).
+            share_bkd: weights of the sources over directions, which sum to 1, (P..., B, K, D).
+        """
         return self.levels(self.direction_features(x_bfmt), share_bkd)

@@ -1,4 +1,4 @@
-"""VisualNet: a small U-Net from a 360-degree image to log-weights per source class and direction (Fig. 3 a)."""
+"""Visual network, a U-Net from a 360-degree image to log-weights (Fig. 3 a)."""
 
 import math
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from avssl_pyro.networks.augmentation import RandomYawFlip
 
 
 class _WrapAzimuth(torch.autograd.Function):
-    """Repeats the first and last column on the other side; its backward copies once where F.pad's copies thrice."""
+    """Circular padding by one column, with one copy in backward; F.pad makes three."""
 
     @staticmethod
     def forward(_ctx: Any, x: Tensor) -> Tensor:
@@ -28,7 +28,15 @@ class _WrapAzimuth(torch.autograd.Function):
 
 
 class AzimuthConv(nn.Module):
-    """A convolution whose padding along azimuth is circular or zero; elevation is always padded with zeros."""
+    """3x3 convolution with circular or zero padding along azimuth.
+
+    Padding along elevation is always zero.
+
+    Args:
+        inputs, outputs: numbers of channels.
+        stride: stride in pixels.
+        circular: flag for circular padding along azimuth.
+    """
 
     def __init__(self, inputs: int, outputs: int, stride: int = 1, circular: bool = False) -> None:
         super().__init__()
@@ -64,22 +72,23 @@ class _Up(nn.Module):
 
 
 class VisualNet(nn.Module):
-    """The visual DNN of Fig. 3 (a): U-Net, 1x1 convolutions, resize to D columns, vertical max pooling.
+    """Visual network of Fig. 3 (a), which estimates log-weights over directions.
 
-    The decoder ends at a quarter of the image's resolution, which is one column per direction of the usual grid.
+    The stages are a U-Net, 1x1 convolutions, a resize to D columns and vertical max pooling. The decoder ends at a
+    quarter of the image's resolution, which is one column per direction of the usual grid.
 
     Args:
         num_sources: number of classes K.
-        num_directions: number of directions D; the image width is a multiple of it, so that columns and directions stay
-            aligned.
-        channels: width of the U-Net at each halving of the resolution, the first at half the image's; at least two.
-        dropout: probability after the bottleneck and before the 1x1 convolutions.
-        circular: whether padding along azimuth joins the left and right edges.
-        position_channels: whether sine and cosine of azimuth are inputs, by which classes can divide the circle;
-            without them and anchors a circular network does not distinguish directions.
-        anchor_gain: height of the broad, learned bump of log-weight that every class starts with, centred on
-            directions evenly spaced over the circle, so that no two classes compete for one sector; 0 for none.
-        augment: whether training turns and mirrors each picture at random, and the output back.
+        num_directions: number of directions D, of which the image width is a multiple, so that columns and directions
+            stay aligned.
+        channels: numbers of channels of the U-Net, at least two, one for each halving of the image's resolution.
+        dropout: probability of dropping a channel after the bottleneck and before the 1x1 convolutions.
+        circular: flag for circular padding along azimuth, which joins the left and right edges.
+        position_channels: flag that adds sine and cosine of azimuth to the inputs, so that classes can divide the
+            circle. Without them and anchors, a circular network does not distinguish directions.
+        anchor_gain: height of the initial anchors, learned bumps of log-weight evenly spaced over the circle, which
+            give every class one sector; 0 for none.
+        augment: flag for random yaw and mirroring of each image in training, inverted on the output.
     """
 
     def __init__(
@@ -124,7 +133,11 @@ class VisualNet(nn.Module):
             self.anchor_kd = nn.Parameter(anchor_gain * turn_d.cos())
 
     def forward(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]:
-        """Log-weights mu_bkd (B, K, D) and activation maps (B, K, I/4, J/4) of an image (B, 3, I, J) in [0, 1]."""
+        """Returns log-weights mu_bkd (B, K, D) and activation maps (B, K, I/4, J/4).
+
+        Args:
+            image_bcij: images with values in [0, 1], (B, 3, I, J).
+        """
         if not (self.augment and self.training):
             return self._weigh(image_bcij)
         view = RandomYawFlip.draw(image_bcij.shape[0], self.num_directions, image_bcij.device)
@@ -152,7 +165,7 @@ class VisualNet(nn.Module):
 
 
 def _azimuths(count: int) -> Tensor:
-    """Centres of ``count`` equal blocks of an image from left to right, radians."""
+    """Returns azimuths in radians of ``count`` equal blocks from left to right."""
     return math.pi * (1 - 2 * (torch.arange(count) + 0.5) / count)
 
 

@@ -1,4 +1,4 @@
-"""Sources over time: from windows to tracks."""
+"""Tracking of sources over the windows of a recording."""
 
 __all__ = [
     "hmm_filter",

@@ -1,4 +1,7 @@
-"""Forward-backward for one track: the HMM of :mod:`avssl_pyro.models.tracking.hmm` as array products."""
+"""Forward-backward algorithm for one track, as array products.
+
+The model is the HMM of :mod:`avssl_pyro.models.tracking.hmm`.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,11 +18,11 @@ SILENT, SOUNDING = 0, 1
 
 @dataclass(frozen=True)
 class TrackState:
-    """A distribution over the states of a track, or a message between them.
+    """Distribution over the states of a track, or a message between windows.
 
     Args:
         present_had: weights of a source with motion h, silent or sounding a, in direction d, (3, 2, D).
-        absent: weight of no source.
+        absent: weight of the state without a source.
     """
 
     present_had: Array
@@ -37,10 +40,10 @@ class TrackState:
         return sounding_d
 
     def direction(self, grid: DirectionGrid) -> tuple[float, float]:
-        """Mean azimuth of the source, if it exists, and its standard deviation in radians."""
+        """Returns mean and standard deviation of the azimuth in radians, given presence."""
         weight_d = self.present_had.sum((0, 1))
         mean = complex(weight_d @ np.exp(1j * grid.azimuths)) / max(float(weight_d.sum()), np.finfo(np.float64).tiny)
-        # Of a circular variable, and what the position within a cell adds.
+        # Circular variance, plus the variance of the position within a cell.
         variance = -2 * np.log(min(max(abs(mean), 1e-9), 1.0)) + grid.spacing**2 / 12
         return float(np.angle(mean)), float(np.sqrt(variance))
 
@@ -52,20 +55,25 @@ class TrackState:
         return TrackState(self.present_had * factor, self.absent * factor)
 
     def times(self, other: "TrackState") -> "TrackState":
-        """Product of both, normalized."""
+        """Returns the normalized product of both."""
         product = TrackState(self.present_had * other.present_had, self.absent * other.absent)
         return product.scaled(1 / product.total)
 
 
 def initial(birth: float, num_directions: int) -> TrackState:
-    """State before any detection: a sounding source with probability ``birth``, uniform over directions."""
+    """Returns the state before any detection, uniform over directions.
+
+    Args:
+        birth: probability that a sounding source exists.
+        num_directions: number of directions D.
+    """
     present_had = np.zeros((len(MOTION_SIGNS), 2, num_directions))
     present_had[:, SOUNDING] = birth / (len(MOTION_SIGNS) * num_directions)
     return TrackState(present_had, 1 - birth)
 
 
 def predict(belief: TrackState, tables: TrackTables) -> TrackState:
-    """Predicted state one step later."""
+    """Returns the predicted state one step later."""
     _, _, d = belief.present_had.shape
     active_had = tables.activity_aa.T @ belief.present_had
     turned_had = (tables.motion_hh.T @ active_had.reshape(len(MOTION_SIGNS), -1)).reshape(-1, 2, d)
@@ -76,7 +84,12 @@ def predict(belief: TrackState, tables: TrackTables) -> TrackState:
 
 
 def retrodict(message: TrackState, tables: TrackTables) -> TrackState:
-    """Backward message of this window from that of the next; the transpose of :func:`predict`."""
+    """Returns the backward message of a window; the transpose of :func:`predict`.
+
+    Args:
+        message: backward message of the next window.
+        tables: transition probabilities to the next window.
+    """
     _, _, d = message.present_had.shape
     moved_had = message.present_had @ tables.move_hde.transpose(0, 2, 1)
     turned_had = (tables.motion_hh @ moved_had.reshape(len(MOTION_SIGNS), -1)).reshape(-1, 2, d)
@@ -85,7 +98,7 @@ def retrodict(message: TrackState, tables: TrackTables) -> TrackState:
 
 
 def weigh(belief: TrackState, ratio_d: Array) -> TrackState:
-    """State multiplied by the likelihood ratio of a window's detections, (D,)."""
+    """Returns the state multiplied by a window's likelihood ratio, (D,)."""
     present_had = belief.present_had.copy()
     present_had[:, SOUNDING] *= ratio_d
     return TrackState(present_had, belief.absent)
@@ -109,24 +122,24 @@ class Step:
 
 
 def observe(predicted: TrackState, ratio_d: Array, tables: TrackTables) -> Step:
-    """Filters one window (forward algorithm).
+    """Filters one window by the forward algorithm.
 
     Args:
         predicted: result of :func:`initial` or :func:`predict`.
         ratio_d: likelihood ratio of the window's detections, (D,).
-        tables: transition probabilities behind ``predicted``.
+        tables: transition probabilities that gave ``predicted``.
     """
     weighed = weigh(predicted, ratio_d)
     return Step(weighed.scaled(1 / weighed.total), ratio_d, tables, weighed.total)
 
 
 def log_evidence(steps: Sequence[Step]) -> float:
-    """Log probability of all detections relative to clutter alone."""
+    """Returns the log probability of all detections relative to clutter alone."""
     return float(sum(np.log(step.norm) for step in steps))
 
 
 def smooth(steps: Sequence[Step]) -> Iterator[TrackState]:
-    """States given all windows (forward-backward algorithm), from the last window to the first."""
+    """Yields the states given all windows, from the last window to the first."""
     belief = steps[-1].filtered
     message = TrackState(np.ones_like(belief.present_had), 1.0)
     yield belief

@@ -1,4 +1,4 @@
-"""Multi-target filter: one chain per source, with soft assignment of detections to chains."""
+"""Multi-target filter with soft assignment of detections to one chain per source."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,24 +11,24 @@ from avssl_pyro.models.tracking.detection import DetectionModel
 from avssl_pyro.models.tracking.motion import TrackPrior, TrackTables
 from avssl_pyro.tracking.hmm_filter import Array, Step, TrackState, initial, observe, predict
 
-# A source that is less likely than this to be there is given up.
+# Least probability that a source exists; below it, its chain ends.
 LEAST_PRESENCE = 1e-3
 HEARD = 0.5
-# Transition tables are kept for so many lengths of a step, in whole milliseconds; windows rarely come in more.
+# Number of step lengths, in whole milliseconds, whose transition tables are cached; recordings rarely have more.
 NUM_STEP_LENGTHS = 16
 
 
 @dataclass(eq=False)
 class Chain:
-    """A candidate source: its windows so far; it may turn out to be clutter.
+    """Filtered windows of a candidate source, which may be clutter.
 
     Args:
         first: index of its first window.
-        steps: filtered windows from there on.
-        shares_tnd: probabilities per window that detection n belongs to this source, if it is in direction d, (N, D).
+        steps: filtered windows from ``first`` on.
+        shares_tnd: probabilities per window that detection n belongs to this source in direction d, (N, D).
         born_s: time of its first window in seconds.
         heard_s: time of its last detection in seconds.
-        beside: index and time of the window since which an older chain is close; None if none is.
+        beside: index and time in seconds of the window since which an older chain is close, or None.
     """
 
     first: int
@@ -56,12 +56,13 @@ class Chain:
 
 @dataclass(frozen=True)
 class MultiTargetConfig:
-    """Settings of when sources end.
+    """Settings of the end and merging of sources.
 
     Args:
-        memory_s: longest time in seconds without a detection; a later detection there starts a new source.
-        merge_deg, merge_s: distance in degrees and time in seconds. Two sources that stay closer for longer are one,
-            and so is one that begins so close to another. Talkers who pass each other are close for a shorter time.
+        memory_s: longest time in seconds without a detection; a later detection starts a new source.
+        merge_deg: distance in degrees below which two sources are close.
+        merge_s: time in seconds after which close sources are merged, longer than talkers take to pass each other. A
+            source that comes close within this time of its birth is merged at once.
     """
 
     memory_s: float = 2.5
@@ -70,16 +71,16 @@ class MultiTargetConfig:
 
 
 class MultiTargetFilter:
-    """Forward pass of all chains, window by window.
+    """Forward algorithm for all chains, window by window.
 
-    To a chain, the share of a detection that other chains claim counts as clutter. A detection that is likelier clutter
-    than any chain's starts a new chain. All chains end up in ``ended``.
+    A chain counts the claims of other chains on a detection as clutter. A detection that is more probably clutter than
+    part of a chain starts a new chain. Ended chains are stored in ``ended``.
 
     Args:
         grid: directions of the tracks.
         prior: prior of motion, pauses, births and deaths.
         detection: model of detections and clutter.
-        config: settings of when sources end.
+        config: settings of the end and merging of sources.
     """
 
     def __init__(
@@ -97,7 +98,7 @@ class MultiTargetFilter:
         Args:
             time_s: time of the window in seconds.
             step_s: time since the window before in seconds.
-            azimuth_n, std_n: azimuths and their standard deviations in radians, (N,).
+            azimuth_n, std_n: azimuths and their standard deviations in radians, each (N,).
         """
         tables = self._tables_of(max(round(step_s * 1000), 1))
         density_nd = self.detection.density(self.grid, azimuth_n, std_n)
@@ -139,7 +140,7 @@ class MultiTargetFilter:
         sounding_k = np.array([chain.belief.sounding_d.sum() for chain in self.active])
         for k, chain in enumerate(list(self.active)):
             apart_j = np.abs(wrap_angle(azimuths_k[:k] - azimuths_k[k]))
-            # A source in a pause does not stand for the one that speaks beside it.
+            # An older source in a pause must not absorb a talker close to it.
             if not ((apart_j < np.deg2rad(self.config.merge_deg)) & (sounding_k[:k] > sounding_k[k] / 2)).any():
                 chain.beside = None
                 continue

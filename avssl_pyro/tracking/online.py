@@ -1,4 +1,4 @@
-"""Online tracking with a fixed lag: sources of a window, given the windows up to a few later."""
+"""Online tracking of sources with a fixed lag."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -20,25 +20,25 @@ from avssl_pyro.tracking.tracker import (
 
 @dataclass
 class _ReportedSource:
-    """A reported source: the id of its track, and its level when it was last detected."""
+    """Track id of a reported source, and its level at the last detection."""
 
     id: int
     level: float
 
 
 class OnlineTracker:
-    """The online form of :func:`avssl_pyro.tracking.tracker.track`, with a fixed lag.
+    """Fixed-lag form of :func:`avssl_pyro.tracking.tracker.track`.
 
     Memory and time per window do not grow with the length of the recording.
 
     Raises:
-        InputError: a negative lag or a step that is not positive.
+        InputError: the lag is negative, or the step is not positive.
 
     Args:
-        config: settings of the tracker, as of :func:`track`.
+        config: settings of the tracker; by default for talkers in a room.
         step_s: usual time between windows in seconds.
-        lag: number of later windows that the sources of a window depend on; with 0 a missed detection is bridged only
-            once the source is found again.
+        lag: number of later windows that the sources of a window depend on. With a lag of 0, a missed detection is
+            bridged only after the next detection.
     """
 
     def __init__(self, config: TrackingConfig | None = None, step_s: float = 0.1, lag: int = 3) -> None:
@@ -54,10 +54,13 @@ class OnlineTracker:
         self._num_reported = 0
 
     def update(self, window: WindowDetections) -> tuple[TrackedSource, ...] | None:
-        """Adds a window; returns the sources of the window ``lag`` before it, or None where there is none.
+        """Adds a window; returns the sources of the window ``lag`` before it, or None.
+
+        Args:
+            window: detections of the next window.
 
         Raises:
-            InputError: as :func:`track`.
+            InputError: the time does not rise, or a value is not a finite number.
         """
         last = self._recent[-1] if self._recent else None
         check_windows([window] if last is None else [last, window])
@@ -68,7 +71,7 @@ class OnlineTracker:
         return self._sources_at(self._bank.num_windows - 1 - self.lag)
 
     def finish(self) -> list[tuple[TrackedSource, ...]]:
-        """Returns the sources of the last windows in order; call it once, at the end."""
+        """Returns the sources of the last ``lag`` windows; for one call at the end."""
         end = self._bank.num_windows
         return [self._sources_at(t) for t in range(max(end - self.lag, 0), end)]
 
@@ -88,7 +91,7 @@ class OnlineTracker:
         return tuple(sorted(sources, key=lambda source: -source.level))
 
     def _source(self, chain: Chain, window: WindowDetections) -> TrackedSource | None:
-        """The source of a chain in its first window, ``window``; None where it is silent or clutter."""
+        """Returns the source of a chain in its first window; None if silent or clutter."""
         *_, belief = smooth(chain.steps)
         if belief.presence < self.config.confirm or belief.sounding_d.sum() < self.config.sounding:
             return None

@@ -1,4 +1,4 @@
-"""Localization of a whole recording: windows in, a timeline of sources out."""
+"""Localization of a whole recording, window by window."""
 
 from collections.abc import Iterable, Iterator
 from itertools import islice
@@ -18,27 +18,27 @@ from avssl_pyro.tracking.tracker import WindowDetections, track
 
 WINDOW_S = 1.0
 ONE_PASS_RATE_HZ, REFINED_RATE_HZ = 10.0, 2.0
-# Windows that are in memory and localized together.
+# Number of windows that are held in memory and localized together.
 BATCH = 8
 
 
 def default_rate_hz(refined: bool) -> float:
-    """Results per second that take about as long as the recording lasts."""
+    """Returns the results per second whose computation takes about real time."""
     return REFINED_RATE_HZ if refined else ONE_PASS_RATE_HZ
 
 
 def open_recording(audio: Path, video: Path | None, array: MicrophoneArray, alignment: Alignment) -> Recording:
-    """The recording of an array, checked before anything takes long.
+    """Opens and checks the recording of an array.
 
     Args:
         audio: WAV or FLAC file of any rate, one channel per microphone.
         video: equirectangular video; None for audio alone.
-        array: microphones that recorded.
+        array: microphone array of the recording.
         alignment: position of picture and channels relative to the array.
 
     Raises:
-        InputError: a file cannot be read, audio and video have less than a window in common, the number of channels is
-            not that of the array, a channel is dead, or the picture is not equirectangular.
+        InputError: a file cannot be read, audio and video overlap by less than a window, the number of channels is not
+            that of the array, a channel is dead, or the picture is not equirectangular.
     """
     recording = Recording.open(audio, video, alignment).with_channels_of(array)
     if recording.duration_s < WINDOW_S:
@@ -59,15 +59,15 @@ def localize_recording(
     interrupt: GracefulInterrupt | None = None,
     progress: bool = False,
 ) -> Timeline:
-    """Localizes a recording window by window and links the sources over time.
+    """Localizes a recording window by window and returns the timeline of its sources.
 
     Args:
         recording: audio of an array, with or without video.
         localizer: localizer of the windows.
-        rate_hz: results per second, each of one second of sound.
-        tracking: link the results, so that a source keeps its number and a short miss is bridged.
-        interrupt: request to stop; the timeline then ends with the window at hand.
-        progress: show a progress bar.
+        rate_hz: number of results per second, each from one second of audio.
+        tracking: flag for linking the results into tracks, which keep their numbers and bridge short misses.
+        interrupt: request to stop; the timeline then ends with the current window.
+        progress: flag for a progress bar.
 
     Raises:
         InputError: ``rate_hz`` is out of range, the recording's channels are not those of the localizer's array, or
@@ -91,7 +91,7 @@ def localize_recording(
 
 
 def _detections(windows: Iterable[tuple[float, Clip]], localizer: Localizer) -> Iterator[WindowDetections]:
-    """Sources of windows in order; each is dated at the middle of its window."""
+    """Yields the sources of windows in order, with the times of the windows' middles."""
     windows = iter(windows)
     while batch := list(islice(windows, BATCH)):
         found = localizer.localize([clip for _, clip in batch])

@@ -1,4 +1,4 @@
-"""Result files of a recording in degrees: JSON lines ``avssl-window/1`` and rows of DCASE's CSV."""
+"""Results of a recording as JSON lines ``avssl-window/1`` and DCASE's CSV rows."""
 
 import json
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ def json_lines(timeline: Timeline, name_field: str) -> str:
 
     Args:
         timeline: sources of the recording.
-        name_field: field of a source's name, such as ``track``.
+        name_field: JSON field of a source's name, such as ``track``.
 
     Returns:
         Lines with ``format``, ``time_s`` (of the window's middle, from the recording's start) and ``sources``, loudest
@@ -42,7 +42,7 @@ def _window_dict(frame: TimelineFrame, name_field: str) -> dict[str, object]:
 
 
 def dcase_rows(timeline: Timeline, end_s: float) -> Iterator[DcaseRow]:
-    """Yields the sources of every 100 ms frame; class and elevation are 0, since neither is estimated.
+    """Yields the sources of every 100 ms frame, with class and elevation 0.
 
     Args:
         timeline: sources of the recording.

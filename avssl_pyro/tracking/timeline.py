@@ -10,18 +10,18 @@ import numpy as np
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.tracking.tracker import Track, WindowDetections, tracked_sources
 
-# Faster than anybody walks around a robot between two windows: one name, two places (radians).
+# Largest turn in radians of a person between two windows; sources of one name that turn further are distinct.
 MAX_TURN = np.deg2rad(30.0)
 
 
 @dataclass(frozen=True)
 class IdentifiedSource:
-    """A sounding source at one time; angles in radians.
+    """Sounding source at one time.
 
     Args:
         name: number of its track, or of its source class without tracking.
-        azimuth: direction of arrival, counter-clockwise from straight ahead.
-        azimuth_std: posterior standard deviation of the azimuth.
+        azimuth: direction of arrival in radians, counter-clockwise from straight ahead.
+        azimuth_std: posterior standard deviation of the azimuth in radians.
         level: mixing level, the share of time-frequency bins the source dominates.
     """
 
@@ -43,7 +43,12 @@ class IdentifiedSource:
 
 @dataclass(frozen=True)
 class TimelineFrame:
-    """Sounding sources of the window around a time, in seconds from the start of the recording."""
+    """Sounding sources of one window.
+
+    Args:
+        time_s: time of the window's middle in seconds from the start of the recording.
+        sources: sources of the window.
+    """
 
     time_s: float
     sources: tuple[IdentifiedSource, ...]
@@ -56,7 +61,7 @@ class Timeline:
     Args:
         frames: sources of each window.
         hop_s: usual time between frames in seconds.
-        reach_s: time in seconds for which the sources of a frame without a neighbour last to each side; half a window.
+        reach_s: time in seconds by which sources extend to each side of a frame without a neighbour; half a window.
 
     >>> ahead, left = (IdentifiedSource(1, azimuth, azimuth_std=0.02, level=0.4) for azimuth in (0.0, 0.2))
     >>> frames = (TimelineFrame(1.0, (ahead,)), TimelineFrame(2.0, (left,)))
@@ -74,9 +79,12 @@ class Timeline:
         return tuple(dict.fromkeys(source.name for frame in self.frames for source in frame.sources))
 
     def at(self, time_s: float) -> tuple[IdentifiedSource, ...]:
-        """Returns the sources at a time, interpolated between the two frames around it.
+        """Returns the sources at a time, interpolated between neighbouring frames.
 
-        A source of only one of the two lasts for half of the time between them.
+        A source of only one of these frames extends over half of the time between them.
+
+        Args:
+            time_s: time in seconds from the start of the recording.
         """
         index = bisect_right(self.frames, time_s, key=lambda frame: frame.time_s)
         around = self.frames[max(index - 1, 0) : index + 1]
@@ -93,7 +101,7 @@ class Timeline:
 
 
 def _between(near: IdentifiedSource, far: IdentifiedSource | None, weight: float) -> IdentifiedSource:
-    """``near`` moved towards ``far`` by a share of the way, along the shorter arc."""
+    """Interpolates from ``near`` towards ``far`` along the shorter arc."""
     if far is None:
         return near
     turn = float(wrap_angle(far.azimuth - near.azimuth))
@@ -108,7 +116,13 @@ def _between(near: IdentifiedSource, far: IdentifiedSource | None, weight: float
 
 
 def timeline_of_windows(windows: Sequence[WindowDetections], hop_s: float, reach_s: float) -> Timeline:
-    """Timeline of windows without tracking; a source's name is the number of its source class."""
+    """Returns the timeline of windows without tracking, with source classes as names.
+
+    Args:
+        windows: detections in order of time.
+        hop_s: usual time between windows in seconds.
+        reach_s: time in seconds as in :class:`Timeline`.
+    """
     frames = tuple(
         TimelineFrame(
             window.time_s,
@@ -122,11 +136,13 @@ def timeline_of_windows(windows: Sequence[WindowDetections], hop_s: float, reach
 def timeline_of_tracks(
     windows: Sequence[WindowDetections], tracks: Sequence[Track], hop_s: float, reach_s: float
 ) -> Timeline:
-    """Timeline of tracks; a source's name is the number of its track.
+    """Returns the timeline of tracks, with their numbers as names.
 
     Args:
         windows: detections that were tracked.
         tracks: result of :func:`avssl_pyro.tracking.tracker.track`.
+        hop_s: usual time between windows in seconds.
+        reach_s: time in seconds as in :class:`Timeline`.
     """
     frames = tuple(
         TimelineFrame(

@@ -1,4 +1,4 @@
-"""Tracking by detection: links the sources of successive windows, bridges misses, removes clutter."""
+"""Tracking by detection, which links sources over windows and removes clutter."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -20,11 +20,11 @@ Columns = tuple[Array, Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True)
 class WindowDetections:
-    """Detections of one window, at a threshold low enough to miss little.
+    """Detections of one window, at a low threshold that avoids misses.
 
     Args:
         time_s: time of the window's middle in seconds.
-        sources: detections.
+        sources: detected sources.
     """
 
     time_s: float
@@ -33,15 +33,15 @@ class WindowDetections:
 
 @dataclass(frozen=True)
 class TrackingConfig:
-    """Settings of the tracker: the model of sources and detections, and what counts as a source.
+    """Settings of the tracker: models of sources and detections, and thresholds.
 
     Args:
         prior: prior of motion, pauses, births and deaths.
         detection: model of missed detections and clutter.
-        bank: settings of when sources end.
-        num_directions: number D of directions in the tracks' grid; on a coarse grid sources move too fast.
-        confirm: least probability that a track is a source, given all its windows.
-        sounding: least probability that a source sounds in a window, to be reported there.
+        bank: settings of the end and merging of sources.
+        num_directions: number D of directions in the tracks' grid; a coarse grid overestimates the speed of sources.
+        confirm: least posterior probability that a reported track is a source.
+        sounding: least posterior probability that a source reported in a window sounds.
     """
 
     prior: TrackPrior = field(default_factory=TrackPrior)
@@ -61,7 +61,7 @@ class TrackingConfig:
 
 @dataclass(frozen=True)
 class Track:
-    """One source over T windows, from its first detection to its last, pauses included.
+    """One source over T windows from its first detection to its last, with pauses.
 
     Args:
         id: number of the source, from 0 in the order of first detections.
@@ -70,7 +70,7 @@ class Track:
         azimuth_stds: posterior standard deviations in radians, (T,).
         levels: mixing levels, (T,), interpolated where the source was not detected.
         presence: posterior probability that the source exists, (T,).
-        sounding: posterior probability that it sounds, (T,).
+        sounding: posterior probability that the source sounds, (T,).
     """
 
     id: int
@@ -92,11 +92,11 @@ class Track:
 
 @dataclass(frozen=True)
 class TrackedSource:
-    """A source that sounds in a window; angles in radians.
+    """Source that sounds in a window.
 
     Args:
         track_id: number of its track.
-        azimuth, azimuth_std: posterior mean and standard deviation.
+        azimuth, azimuth_std: posterior mean and standard deviation of the azimuth in radians.
         level: mixing level.
     """
 
@@ -107,14 +107,14 @@ class TrackedSource:
 
 
 def track(windows: Sequence[WindowDetections], config: TrackingConfig | None = None) -> tuple[Track, ...]:
-    """Returns the tracks of a recording in the order of their beginnings, each given all windows.
+    """Returns the tracks of a recording, given all windows, in order of their starts.
 
     Args:
         windows: detections in order of time.
         config: settings; by default for talkers in a room.
 
     Raises:
-        InputError: times do not rise, or something is not a finite number.
+        InputError: times do not rise, or a value is not a finite number.
     """
     config = config or TrackingConfig()
     check_windows(windows)
@@ -175,14 +175,14 @@ def add_window(bank: MultiTargetFilter, window: WindowDetections, step_s: float)
 
 
 def _take_ended(bank: MultiTargetFilter, windows: Sequence[WindowDetections], config: TrackingConfig) -> list[Columns]:
-    """Tracks of the ended chains, which are removed from the filter: their states need much memory."""
+    """Returns the tracks of ended chains and removes these to free memory."""
     tracks = [_track_of(chain, windows, config) for chain in bank.ended]
     bank.ended = []
     return [track for track in tracks if track is not None]
 
 
 def _track_of(chain: Chain, windows: Sequence[WindowDetections], config: TrackingConfig) -> Columns | None:
-    """The columns of a chain's track; None if it is clutter."""
+    """Returns the columns of a chain's track, or None if it is clutter."""
     grid, num = config.grid, len(chain.steps)
     presence, sounding, azimuths, stds = (np.zeros(num) for _ in range(4))
     levels = np.full(num, np.nan)
@@ -201,7 +201,15 @@ def _track_of(chain: Chain, windows: Sequence[WindowDetections], config: Trackin
 
 
 def heard_level(window: WindowDetections, weight_n: npt.NDArray[np.floating]) -> float:
-    """Mean level of detections, weighted by their probability of belonging to a source; NaN if below 0.5."""
+    """Returns the mean level of detections, weighted by their assignment to a source.
+
+    Args:
+        window: detections of the window.
+        weight_n: probabilities that the detections belong to the source, (N,).
+
+    Returns:
+        The level, or NaN if the probabilities sum to less than 0.5.
+    """
     total = float(weight_n.sum())
     if total < 0.5:
         return float("nan")

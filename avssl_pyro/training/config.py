@@ -18,15 +18,15 @@ class DistillationConfig:
     """Settings of the distillation of refined posteriors into the guide.
 
     Args:
-        weight: weight of the cross-entropy of directions (nats per clip) relative to the ELBO per time-frequency bin; 0
-            turns it off.
-        level_weight: weight of the cross-entropy of levels (nats per clip); without effect on a guide without an audio
-            network.
-        rounds: rounds of MAP-EM behind a target.
+        weight: weight of the cross-entropy of directions, in nats per clip, relative to the ELBO per time-frequency
+            bin; 0 turns it off.
+        level_weight: weight of the cross-entropy of levels, in nats per clip; without effect on a guide without an
+            audio network.
+        rounds: number of rounds of MAP-EM for a target.
         softening: factor of the log-weights at the start, as in a refinement.
-        smoothing_deg: standard deviation of the kernel that targets are smoothed with over directions, degrees.
-        warmup: share of the training over which the weights rise from 0; early targets are of no use.
-        frame_step: stride over the frames used for targets.
+        smoothing_deg: standard deviation in degrees of the kernel that smooths targets over directions.
+        warmup: share of the training over which the weights rise from 0, since early targets are uninformative.
+        frame_step: stride in frames over those used for targets.
     """
 
     weight: float = attrs.field(default=0.0, validator=at_least(0))
@@ -38,7 +38,7 @@ class DistillationConfig:
     frame_step: int = attrs.field(default=2, validator=at_least(1))
 
     def strength_at(self, step: int, total_steps: int) -> float:
-        """Factor of the weights at a step of the training; 0 without distillation."""
+        """Returns the factor of the weights at a training step; 0 without distillation."""
         return min(1.0, step / max(1.0, self.warmup * total_steps)) if self.weight or self.level_weight else 0.0
 
 
@@ -47,18 +47,19 @@ class OptimizationConfig:
     """Settings of the optimiser and of the loop over the data.
 
     Args:
-        epochs: passes over the data.
-        batch_size: clips per process and step.
+        epochs: number of passes over the data.
+        batch_size: number of clips per process and step.
         learning_rate: highest learning rate of AdamW.
         weight_decay: weight decay of AdamW.
-        warmup_steps: steps over which the learning rate rises from 0.
-        final_learning_rate: learning rate of the last step as a share of the highest; a cosine leads there.
-        gradient_clip: largest norm of the gradient of the loss: the ELBO per time-frequency bin and, if any, targets.
-        seed: seed of weights, noise and order.
-        num_workers: processes that read ahead, of use to a GPU; 0 reads in the training process, faster on few cores.
-        log_every: steps between log records.
-        checkpoint_minutes: minutes between checkpoints.
-        freeze_visual: whether the visual network keeps its weights; for a start from another array's system.
+        warmup_steps: number of steps over which the learning rate rises from 0.
+        final_learning_rate: learning rate of the last step as a share of the highest; it falls along a cosine.
+        gradient_clip: largest norm of the gradient of the loss: ELBO per time-frequency bin, and distillation if any.
+        seed: seed of weights, noise and the order of clips.
+        num_workers: number of processes that read ahead for a GPU; 0, faster on few cores, reads in the training
+            process.
+        log_every: number of steps between log records.
+        checkpoint_minutes: time between checkpoints in minutes.
+        freeze_visual: flag that keeps the weights of the visual network, for a start from another array's system.
     """
 
     epochs: int = attrs.field(default=5, validator=at_least(1))
@@ -77,32 +78,31 @@ class OptimizationConfig:
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """Trains the visual and the audio network on clips without labels.
+    """Train the visual and the audio network on clips without labels.
 
-    Without ``data`` a small set of scenes is rendered first and kept in ``cache``. Stopped at any moment (ctrl-C, or
-    killed), the same training goes on where it stopped.
+    Without --data, a small set of scenes is rendered into --cache first. After an interruption, the same command
+    continues where it stopped.
     """
 
     preset: Literal["quick", "two-cores", "paper", "museum", "adapt"] = "quick"
-    """Where the defaults below come from: quick is a few minutes on two cores, two-cores an hour, paper the original
-    experiment (20000 scenes, 200 epochs), for a GPU; museum is its one on recordings, which prepare.py makes ready;
-    adapt is a few minutes from the weights that come with the package to those of your recordings and your array."""
+    """Preset that sets the defaults below. quick takes a few minutes on two cores, two-cores an hour. paper is the
+    original experiment, for a GPU (20000 scenes, 200 epochs); museum is the one on recordings, cut by 'avssl prepare'.
+    adapt takes a few minutes from the pretrained weights to those of your recordings and your array."""
     out: Path = Path("runs/train")
     """Folder of the run: checkpoint, log, curves, TensorBoard events."""
     data: tuple[Path, ...] = ()
-    """Folders of shards made by simulate.py or prepare.py; by default a small set made here."""
+    """Folders of shards made by 'avssl simulate' or 'avssl prepare'; by default a small set rendered into --cache."""
     cache: Path = Path("cache")
-    """Where the default set is kept."""
+    """Folder of the default set."""
     num_scenes: int = 3000
-    """Size of the default set."""
+    """Number of scenes in the default set."""
     condition: Literal["all-speak", "some-silent"] = "some-silent"
     """Condition of the default set."""
     array: str = "circle6"
-    """Microphone array: a preset (docs/arrays.md) or a YAML file; "data" is the array that the
-    clips of --data were made with."""
+    """Microphone array: a preset (docs/arrays.md), a YAML file, or "data" for the array of the clips in --data."""
     start_from: str | None = None
-    """Begin with the weights of this checkpoint, of the same networks and perhaps another array; circle2, circle4 and
-    circle6 are those that come with the package."""
+    """Checkpoint of initial weights, of the same networks and any array; circle2, circle4 and circle6 are the
+    pretrained weights. By default random weights, or circle6 with --preset adapt."""
     estimator: Literal["mean-field", "trace"] = "mean-field"
     """Pyro's ELBO estimator: TraceMeanField_ELBO (analytic KL) or Trace_ELBO."""
     model: ModelConfig = field(default_factory=ModelConfig)
@@ -113,16 +113,16 @@ class TrainingConfig:
     accelerator: Literal["auto", "cpu", "cuda"] = "auto"
     """Lightning Fabric accelerator: auto is cuda if there is one, else cpu."""
     devices: int = 1
-    """Processes on this machine, one per device."""
+    """Number of processes on this machine, one per device."""
     num_nodes: int = 1
-    """Machines."""
+    """Number of machines."""
     precision: Literal["32-true", "bf16-mixed"] = "32-true"
     """Precision of the networks; the likelihood is always computed in 32 bits or more."""
 
 
-# A quarter of the frequencies, where speech is loud and the array not yet ambiguous, and less overlap of windows train
-# six times as fast and localize no worse. Eight sectors leave few in which two people compete for one class; a
-# separate class models diffuse noise.
+# A quarter of the frequencies, where speech is loud and the array unambiguous, and less overlap of frames train six
+# times as fast and localize no worse. With eight sectors, two people rarely compete for one class; a ninth class models
+# diffuse noise.
 _FAST = TrainingConfig(
     model=ModelConfig(num_sources=9, bin_weight=3.0),
     guide=GuideConfig(diffuse_class=True, anchor_gain=3.0, augment=True),
@@ -137,14 +137,14 @@ PRESETS: dict[str, TrainingConfig] = {
         num_scenes=20_000,
         optimization=OptimizationConfig(epochs=200, warmup_steps=0, final_learning_rate=1.0),
     ),
-    # Sec. V: eight classes for a crowd and exhibits, and levels that need not be sparse.
+    # Sec. V: eight classes for a crowd and exhibits, and a level prior that is not sparse.
     "museum": TrainingConfig(
         preset="museum",
         array=ARRAY_OF_DATA,
         model=ModelConfig(num_sources=8, alpha=1.0, sigma=1.0, diffuse=0.1),
         optimization=OptimizationConfig(epochs=200, warmup_steps=0, final_learning_rate=1.0),
     ),
-    # A few minutes of a recording would spoil a visual network that has seen thousands of rooms.
+    # A visual network trained on thousands of rooms would overfit to a few minutes of recordings.
     "adapt": replace(
         _FAST,
         preset="adapt",

@@ -1,4 +1,4 @@
-"""What a window's detections say about a source: found or missed, blurred, among clutter."""
+"""Likelihood of a window's detections given a source: errors, misses and clutter."""
 
 from dataclasses import dataclass
 
@@ -11,19 +11,19 @@ from avssl_pyro.errors import InputError
 
 @dataclass(frozen=True)
 class DetectionModel:
-    """A sounding source is detected at most once a window; false detections are Poisson, uniform over azimuth.
+    """Model of at most one detection per source and window, with Poisson clutter.
 
-    The likelihood ratio of a window is that of probabilistic data association with an uncertain source (Musicki, Evans,
-    Stankovic 1994, "Integrated probabilistic data association"), where other sources claim detections as well.
+    Clutter is uniform over azimuth. The likelihood ratio of a window follows integrated probabilistic data association
+    (Musicki, Evans, Stankovic 1994), extended by the claims of other sources on the same detections.
 
     Raises:
-        InputError: a probability, rate or spread that leaves nothing to infer.
+        InputError: ``found`` is not between 0 and 1, or ``clutter`` or ``least_std`` is not positive.
 
     Args:
         found: probability that a sounding source is detected in a window.
         clutter: mean number of false detections in a window.
-        least_std: least error of an azimuth, radians; a localizer's own standard deviation says how sharp a peak is,
-            not how far reverberation moved it.
+        least_std: least standard deviation of an azimuth in radians; the localizer's posterior does not include
+            errors by reverberation.
     """
 
     found: float = 0.88
@@ -39,13 +39,21 @@ class DetectionModel:
 
     @property
     def clutter_density(self) -> float:
-        """Mean number of false detections in a window and radian."""
+        """Mean number of false detections per window and radian."""
         return self.clutter / (2 * np.pi)
 
     def density(
         self, grid: DirectionGrid, azimuth_n: npt.NDArray[np.float64], std_n: npt.NDArray[np.float64]
     ) -> npt.NDArray[np.float64]:
-        """Density of each azimuth given a source somewhere in the cell of direction d, (N, D), per radian."""
+        """Returns densities of azimuths given a source at d, (N, D), per radian.
+
+        The source is uniform over the cell of the direction.
+
+        Args:
+            grid: directions d.
+            azimuth_n: azimuths in radians, (N,).
+            std_n: standard deviations of the azimuths in radians, (N,).
+        """
         variance_n1 = (np.maximum(std_n, self.least_std) ** 2 + grid.spacing**2 / 12)[:, None]
         error_nd = wrap_angle(azimuth_n[:, None] - grid.azimuths)
         turned_vnd = error_nd + 2 * np.pi * np.array([-1.0, 0.0, 1.0])[:, None, None]
@@ -53,16 +61,16 @@ class DetectionModel:
         return density_nd / np.sqrt(2 * np.pi * variance_n1)
 
     def claims(self, expected_n: npt.NDArray[np.float64], sounding: float) -> npt.NDArray[np.float64]:
-        """How strongly a source claims each detection, (N,), per radian; its claim over the density of clutter is the
-        odds that it caused the detection, rather than another one or none.
+        """Returns the claims of a source on the detections, (N,), per radian.
 
-        With one other source, treating its claim as clutter is exact; with more, their claims are added up. A source
-        that is surely there claims a lone detection several times as strongly as it expects it: were the detection not
-        its own, it would have been missed. So no second source settles on the detections of a first.
+        A claim divided by the density of clutter is the odds that the source caused the detection, against another
+        detection or none. With one other source, treating its claim as clutter is exact; with more, the claims are
+        summed. The claim of a certain source on a lone detection exceeds the expected density several times, because
+        otherwise the source would be missed. This prevents a second source on the detections of the first.
 
         Args:
-            expected_n: density of its detections expected at each azimuth, (N,), per radian.
-            sounding: probability that it sounds.
+            expected_n: density of the source's detections at each azimuth, (N,), per radian.
+            sounding: probability that the source sounds.
         """
         elsewhere_n = (expected_n.sum() - expected_n) / self.clutter_density
         claims_n: npt.NDArray[np.float64] = expected_n / (1 - self.found * sounding + elsewhere_n)
@@ -71,16 +79,18 @@ class DetectionModel:
     def ratio_terms(
         self, density_nd: npt.NDArray[np.float64], claimed_n: npt.NDArray[np.float64]
     ) -> npt.NDArray[np.float64]:
-        """Each detection's part of the likelihood ratio of a window, (N, D); their sum and :attr:`missed` make it up.
+        """Returns the terms of a window's likelihood ratio, (N, D), one per detection.
+
+        The likelihood ratio is their sum over detections plus :attr:`missed`.
 
         Args:
-            density_nd: from :meth:`density`.
-            claimed_n: sum of the other sources' claims, (N,), per radian; they add to the density of clutter.
+            density_nd: result of :meth:`density`, (N, D), per radian.
+            claimed_n: sum of the other sources' claims, (N,), per radian, added to the density of clutter.
         """
         terms_nd: npt.NDArray[np.float64] = self.found * density_nd / (self.clutter_density + claimed_n)[:, None]
         return terms_nd
 
     @property
     def missed(self) -> float:
-        """The likelihood ratio of a window without any detection."""
+        """Likelihood ratio of a window without detections."""
         return 1 - self.found

@@ -1,9 +1,9 @@
-"""One source over time: a hidden Markov model over directions, exact by enumeration.
+"""Hidden Markov model of one source over directions, exact by enumeration.
 
 ::
 
-      alive_t-1 ────► alive_t          0 once gone, for good
-    sounding_t-1 ───► sounding_t       1 while it speaks, 0 in a pause
+      alive_t-1 ────► alive_t          0 from the end on
+    sounding_t-1 ───► sounding_t       1 in speech, 0 in a pause
       motion_t-1 ───► motion_t         clockwise, at rest, counter-clockwise
                          │
                          ▼
@@ -12,10 +12,10 @@
                          ▼             if alive and sounding:
                     detections_t       p(detections | source at d) / p(detections | clutter alone)
 
-    markov chain over windows t = 0..T-1, window 0 that of the source's birth; one batch, no plates
+    Markov chain over windows t = 0..T-1, from the window of birth; one batch, no plates
 
-The detections of a window enter as a factor, since the rest of their probability, that of clutter and of other sources,
-is the same whatever this source does.
+The detections of a window enter as a factor. The rest of their probability, from clutter and other sources, does not
+depend on the states of this source.
 """
 
 import numpy as np
@@ -34,7 +34,7 @@ PARALLEL: InferDict = {"enumerate": "parallel"}
 
 
 class SourceTrack:
-    """The model of one track.
+    """Pyro model of one track.
 
     Args:
         tables: transition probabilities from one window to the next.
@@ -43,18 +43,18 @@ class SourceTrack:
     def __init__(self, tables: TrackTables) -> None:
         motions, directions, _ = tables.move_hde.shape
         birth, survive = tables.birth, tables.survive
-        # The last row of each table is for the window of birth, which has none before it.
+        # The last row of each table is the initial distribution, for the window of birth.
         self.alive_ll = torch.tensor([[1.0, 0.0], [1 - survive, survive], [1 - birth, birth]], dtype=torch.float64)
         self.activity_aa = _with_row(tables.activity_aa, np.array([0.0, 1.0]))
         self.motion_hh = _with_row(tables.motion_hh, np.full(motions, 1 / motions))
         self.move_hde = _with_row(tables.move_hde, np.full((motions, directions), 1 / directions))
 
     def __call__(self, log_ratio_td: Tensor) -> None:
-        """The program.
+        """Samples the states of all windows and adds the factors of the detections.
 
         Args:
-            log_ratio_td: how much likelier the detections of window t are with the source sounding in direction d than
-                without it, (T, D), float64; window 0 is that of its birth.
+            log_ratio_td: log likelihood ratio of the detections of window t, with the source sounding in direction d
+                against clutter alone, (T, D), float64; window 0 is the window of birth.
         """
         tables = (self.alive_ll, self.activity_aa, self.motion_hh, self.move_hde[0])
         alive, sounding, motion, direction = (torch.tensor(len(table) - 1) for table in tables)
@@ -74,13 +74,17 @@ def _with_row(table: npt.NDArray[np.float64], row: npt.NDArray[np.float64]) -> T
 
 
 def log_evidence(model: SourceTrack, log_ratio_td: Tensor) -> Tensor:
-    """Log probability of the detections relative to clutter alone, a scalar, exact.
+    """Returns the exact log probability of detections relative to clutter, a scalar.
 
     Its gradient by ``log_ratio_td`` is the posterior probability that the source sounds in direction d in window t.
+
+    Args:
+        model: model of the track.
+        log_ratio_td: log likelihood ratios, (T, D), float64.
     """
 
     def guide(log_ratio_td: Tensor) -> None:
-        """Nothing is left to guess: every site is summed out."""
+        """Samples nothing, since every site of the model is summed out."""
 
     elbo = TraceEnum_ELBO(max_plate_nesting=0)
     if log_ratio_td.requires_grad:

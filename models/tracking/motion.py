@@ -1,4 +1,4 @@
-"""What is assumed of a talker before anything is heard: how it moves, pauses, comes and goes."""
+"""Prior of a talker's motion, pauses, birth and death."""
 
 from dataclasses import dataclass
 
@@ -10,20 +10,20 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 
 # Motions: clockwise, at rest, counter-clockwise; their sign times the speed is the drift of the azimuth.
 MOTION_SIGNS = (-1.0, 0.0, 1.0)
-# A step without spread is one of this spread, radians.
+# Least spread of a step in radians, which avoids a division by zero.
 LEAST_STD = 1e-15
 
 
 @dataclass(frozen=True)
 class TrackTables:
-    """The probabilities of one step of a track; a silent or sounding source is a, its motion h, its direction d.
+    """Transition probabilities of a track over activity a, motion h and direction d.
 
     Args:
-        birth: that a source begins in a given window.
-        survive: that it is still there a window later.
-        activity_aa: from silent (0) or sounding (1) to either, (2, 2).
-        motion_hh: from one motion to another, (3, 3).
-        move_hde: under motion h, from direction d to direction e, (3, D, D).
+        birth: probability that a source begins in a given window.
+        survive: probability that a source still exists one window later.
+        activity_aa: probabilities from silent (0) or sounding (1) to either, (2, 2).
+        motion_hh: probabilities from one motion to another, (3, 3).
+        move_hde: probabilities from direction d to direction e under motion h, (3, D, D).
     """
 
     birth: float
@@ -35,16 +35,16 @@ class TrackTables:
 
 @dataclass(frozen=True)
 class TrackPrior:
-    """A talker who rests or walks around the array, speaks and pauses. Rates are per second, angles in radians.
+    """Prior of a talker who rests or walks around the array, speaks and pauses.
 
     Args:
-        speed: of a walking source.
-        speed_std: spread of the speed, of one at rest as well.
-        turn_rate: of stopping, starting to walk and turning back.
-        pause_rate: of falling silent; its inverse is the mean length of an utterance.
-        resume_rate: of speaking again; its inverse is the mean length of a pause.
-        birth_rate: of new sources.
-        leave_rate: of a source's end.
+        speed: angular speed of a walking talker in radians per second.
+        speed_std: standard deviation of the angular speed in radians per second, also at rest.
+        turn_rate: rate per second of stopping, starting to walk and turning back.
+        pause_rate: rate per second of falling silent; its inverse is the mean length of an utterance.
+        resume_rate: rate per second of resuming speech; its inverse is the mean length of a pause.
+        birth_rate: rate per second of new sources.
+        leave_rate: rate per second at which a source ends.
     """
 
     speed: float = float(np.deg2rad(12.0))
@@ -56,7 +56,12 @@ class TrackPrior:
     leave_rate: float = 0.05
 
     def tables(self, grid: DirectionGrid, step_s: float) -> TrackTables:
-        """The transition probabilities over ``step_s`` seconds; at most one change of each kind in a step."""
+        """Returns transition probabilities with at most one change of a kind per step.
+
+        Args:
+            grid: directions of the track.
+            step_s: time between windows in seconds.
+        """
         pause, resume, turn = (
             1 - np.exp(-rate * step_s) for rate in (self.pause_rate, self.resume_rate, self.turn_rate)
         )
@@ -75,13 +80,18 @@ class TrackPrior:
 
 
 def move_kernel(grid: DirectionGrid, drift: float, std: float) -> npt.NDArray[np.float64]:
-    """Probabilities of moving from direction d to e, (D, D), for a wrapped Gaussian step of azimuth, radians.
+    """Returns transition probabilities from direction d to e, (D, D).
 
-    The step is shared between the two grid points beside it in proportion (linear interpolation), so its mean is kept
-    and a step much shorter than the grid's spacing still crosses into the next cell as often as it should.
+    The step is Gaussian, wraps around the circle and is interpolated linearly between the nearest grid points. This
+    preserves its mean, also for steps much shorter than the grid's spacing.
+
+    Args:
+        grid: directions d and e.
+        drift: mean of the step of azimuth in radians.
+        std: standard deviation of the step in radians.
     """
     d = grid.num_directions
-    # The azimuth falls as the index rises; turns to either side cover every step that is not astronomically rare.
+    # The azimuth falls as the index rises. Two turns to either side cover every step of noticeable probability.
     offset_nj = -grid.spacing * (np.arange(d, dtype=np.float64) + d * np.arange(-2.0, 3.0)[:, None])
     hat_nj = (
         _mean_distance(offset_nj + grid.spacing - drift, std)
@@ -96,7 +106,7 @@ def move_kernel(grid: DirectionGrid, drift: float, std: float) -> npt.NDArray[np
 
 
 def _mean_distance(point: npt.NDArray[np.float64], std: float) -> npt.NDArray[np.float64]:
-    """E |X - point| of a Gaussian X with mean 0."""
+    """Returns E |X - point| of a Gaussian X with mean 0."""
     z = point / (np.sqrt(2) * max(std, LEAST_STD))
     mean: npt.NDArray[np.float64] = point * erf(z) + std * np.sqrt(2 / np.pi) * np.exp(-(z**2))
     return mean
