@@ -16,15 +16,14 @@ from avssl_pyro.clip import SAMPLE_RATE, Clip
 from avssl_pyro.evaluation.tables import Column, Table
 from avssl_pyro.evaluation.tracking_metrics import TrackingScores, tracking_scores
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import SourceThresholds, select_sources
 from avssl_pyro.simulation.motion import MovingTalkers, MovingTalkersConfig, draw_moving_talkers
 from avssl_pyro.simulation.moving_source import MovingAudioConfig, render_moving_talkers
 from avssl_pyro.tracking.online import OnlineTracker
+from avssl_pyro.tracking.recording_localizer import localize_windows
 from avssl_pyro.tracking.tracker import TrackedSource, TrackingConfig, WindowDetections, track, tracked_sources
 
 Windows = Sequence[WindowDetections]
 Identified = list[dict[int, float]]
-BATCH = 16
 
 
 @dataclass(frozen=True)
@@ -68,8 +67,7 @@ class RenderedRecordings:
     """Walking talkers rendered in a room and localized window by window, by sound alone.
 
     Args:
-        localizer: localizer; its picture is black.
-        thresholds: conditions under which a source class counts as a detection.
+        localizer: localizer with its thresholds; its picture is black.
         talkers, audio: distributions of talkers and of their sound.
         window_s: length of a window, seconds.
         count: number of recordings.
@@ -77,7 +75,6 @@ class RenderedRecordings:
     """
 
     localizer: Localizer
-    thresholds: SourceThresholds = field(default_factory=SourceThresholds)
     talkers: MovingTalkersConfig = field(default_factory=MovingTalkersConfig)
     audio: MovingAudioConfig = field(default_factory=MovingAudioConfig)
     window_s: float = 0.5
@@ -98,13 +95,7 @@ class RenderedRecordings:
         length = round(self.window_s * SAMPLE_RATE)
         firsts = [round(start_s * SAMPLE_RATE) for start_s in starts_s]
         clips = [Clip.from_audio(str(first), audio_mn[:, first : first + length]) for first in firsts]
-        batches = [clips[first : first + BATCH] for first in range(0, len(clips), BATCH)]
-        posteriors = [posterior for batch in batches for posterior in self.localizer.posteriors(batch)]
-        grid = self.localizer.config.grid
-        return [
-            WindowDetections(start_s + self.window_s / 2, select_sources(posterior, grid, self.thresholds))
-            for start_s, posterior in zip(starts_s, posteriors, strict=True)
-        ]
+        return list(localize_windows(zip(starts_s, clips, strict=True), self.localizer, self.window_s))
 
 
 def _truth(talkers: MovingTalkers, instants: slice) -> dict[int, float]:

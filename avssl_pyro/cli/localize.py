@@ -128,10 +128,10 @@ def main(args: Sequence[str] | None = None) -> int | None:
 
 
 def _model(options: LocalizeOptions, thresholds: SourceThresholds | None) -> "Model":
-    from avssl_pyro.api.model import Model
+    from avssl_pyro.api.model import PRETRAINED_NAME, Model
 
     system, array = choose_system(options.checkpoint, options.array)
-    weights = "shipped" if options.checkpoint is None else str(options.checkpoint)
+    weights = PRETRAINED_NAME if options.checkpoint is None else str(options.checkpoint)
     refinement = RefinementConfig(rounds=options.rounds) if options.rounds else None
     return Model(system, array, weights, options.device, refinement, thresholds)
 

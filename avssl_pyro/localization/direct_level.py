@@ -8,6 +8,7 @@ import numpy.typing as npt
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.errors import InputError
 from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource, merge_close, peak_azimuth
+from avssl_pyro.validators import Requirement, within
 
 # A neighbour of the peak is at most this part of it.
 BELOW = 1 - 1e-9
@@ -38,12 +39,9 @@ class DirectLevelRule:
     merge_deg: float = 12.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.least <= 1:
-            raise InputError(f"DirectLevelRule: least is {self.least}; it must be from 0 to 1.")
-        if self.cells < 3 or self.cells % 2 == 0:
-            raise InputError(f"DirectLevelRule: cells is {self.cells}; it must be odd and at least 3.")
-        if not 0 <= self.merge_deg <= 180:
-            raise InputError(f"DirectLevelRule: merge_deg is {self.merge_deg}; it must be from 0 to 180.")
+        within(0, 1).check(self, "least")
+        Requirement(lambda cells: cells >= 3 and cells % 2 == 1, "odd and at least 3").check(self, "cells")
+        within(0, 180).check(self, "merge_deg")
 
     def direct_levels(self, posterior: ClipPosterior) -> npt.NDArray[np.float64]:
         """s_k of every class, (K,), at most its mixing level.

@@ -21,8 +21,6 @@ from avssl_pyro.io.images import fit_image, is_full_sphere
 from avssl_pyro.io.projection_check import check_equirectangular
 from avssl_pyro.io.video_reader import VideoFile
 
-__all__ = ["Alignment", "AudioFile", "Recording", "VideoFile"]
-
 _BLOCK_SECONDS = 4.0
 _GREY = 128
 

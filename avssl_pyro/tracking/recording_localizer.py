@@ -11,7 +11,7 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.recordings.excerpts import read_excerpts
+from avssl_pyro.recordings.preparation import open_for_array
 from avssl_pyro.recordings.recording import Alignment, Recording
 from avssl_pyro.tracking.timeline import Timeline, timeline_of_tracks, timeline_of_windows
 from avssl_pyro.tracking.tracker import WindowDetections, track
@@ -40,14 +40,12 @@ def open_recording(audio: Path, video: Path | None, array: MicrophoneArray, alig
         InputError: a file cannot be read, audio and video overlap by less than a window, the number of channels is not
             that of the array, a channel is dead, or the picture is not equirectangular.
     """
-    recording = Recording.open(audio, video, alignment).with_channels_of(array)
+    recording = Recording.open(audio, video, alignment)
     if recording.duration_s < WINDOW_S:
         raise InputError(
             f"{audio}: sound and picture have {recording.duration_s:.2f} s in common; a result needs {WINDOW_S:g} s."
         )
-    recording.check_picture()
-    read_excerpts(audio).select(array.channel_indices).check_live(audio)
-    return recording
+    return open_for_array(recording, array)
 
 
 def localize_recording(
@@ -80,7 +78,7 @@ def localize_recording(
     with tqdm(
         total=len(recording.window_starts(hop_s, WINDOW_S)), unit="window", desc="localizing", disable=not progress
     ) as bar:
-        for window in _detections(recording.windows(hop_s, WINDOW_S), localizer):
+        for window in localize_windows(recording.windows(hop_s, WINDOW_S), localizer):
             windows.append(window)
             bar.update()
             if interrupt is not None and interrupt.requested:
@@ -90,10 +88,18 @@ def localize_recording(
     return timeline_of_windows(windows, hop_s, WINDOW_S / 2)
 
 
-def _detections(windows: Iterable[tuple[float, Clip]], localizer: Localizer) -> Iterator[WindowDetections]:
-    """Yields the sources of windows in order, with the times of the windows' middles."""
+def localize_windows(
+    windows: Iterable[tuple[float, Clip]], localizer: Localizer, window_s: float = WINDOW_S
+) -> Iterator[WindowDetections]:
+    """Sources of windows in order, a few windows in memory at a time; each is dated at the middle of its window.
+
+    Args:
+        windows: start times in seconds, and clips of equal length.
+        localizer: localizer of the clips.
+        window_s: length of the clips in seconds.
+    """
     windows = iter(windows)
     while batch := list(islice(windows, BATCH)):
         found = localizer.localize([clip for _, clip in batch])
         for (start_s, _), localization in zip(batch, found, strict=True):
-            yield WindowDetections(start_s + WINDOW_S / 2, localization.sources)
+            yield WindowDetections(start_s + window_s / 2, localization.sources)

@@ -9,8 +9,10 @@ from recorded import frame_number, stretch_frame, write_noise, write_video
 from avssl_pyro.acoustics.presets import PRESETS, uniform_circle
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
+from avssl_pyro.io.audio import AudioFile
+from avssl_pyro.io.video_reader import VideoFile
 from avssl_pyro.recordings.preparation import CuttingConfig, Prepared, prepare
-from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
+from avssl_pyro.recordings.recording import Recording
 from avssl_pyro.recordings.split import ByRecording, ByTime
 
 LEVELS = ([0.01, 0.05, 0.02, 0.0, 0.0, 0.0, 0.04, 0.001], [0.03, 0.002, 0.06])

@@ -9,7 +9,9 @@ from recorded import FPS, frame_number, stretch_frame, write_frames, write_noise
 from scipy.signal import resample_poly
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.recordings.recording import AudioFile, Recording, VideoFile
+from avssl_pyro.io.audio import AudioFile
+from avssl_pyro.io.video_reader import VideoFile
+from avssl_pyro.recordings.recording import Recording
 
 
 @pytest.mark.parametrize("rate", [8_000, 16_000, 24_000, 44_100, 48_000])
