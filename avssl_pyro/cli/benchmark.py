@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from avssl_pyro.cli.options import choose_system, parse_options
+from avssl_pyro.cli.options import DEFAULT_SEED, Seed, choose_system, parse_options
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.config import MOST_GENERAL, GuideConfig, ModelConfig
 
@@ -70,8 +70,7 @@ class ElboOptions:
     """Length of the clips in seconds, up to 1; enumerated masks need much memory."""
     num_draws: int = 50
     """Number of samples for the comparison with Trace_ELBO."""
-    seed: int = 0
-    """Seed of the clips and of all draws."""
+    seed: Seed = DEFAULT_SEED
 
 
 def elbo(args: Sequence[str] | None = None) -> int:
@@ -138,8 +137,7 @@ class CombinationsOptions:
     """Folder of the default sets."""
     out: Path = Path("runs/combinations")
     """Folder for combinations.json, combinations.md and rows/."""
-    seed: int = 0
-    """Seed of the draws for ELBOs and intervals."""
+    seed: Seed = DEFAULT_SEED
 
 
 def combinations(args: Sequence[str] | None = None) -> None:
@@ -187,8 +185,7 @@ class CalibrationOptions:
     """Number of scenes to draw; 200 are more conclusive."""
     batch_size: int = 20
     """Number of scenes that are stored together, and sampled together by NUTS."""
-    seed: int = 0
-    """Seed of the first scene; each later scene adds 1."""
+    seed: Seed = DEFAULT_SEED
 
 
 def calibration(args: Sequence[str] | None = None) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from attrs import evolve
 
-from avssl_pyro.cli.options import AssetOptions, choose_system, parse_options
+from avssl_pyro.cli.options import DEFAULT_SEED, AssetOptions, Seed, choose_system, parse_options
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.posterior import SourceThresholds
@@ -137,8 +137,7 @@ class SeparationOptions:
     checkpoint: Path | None = None
     """Checkpoint of 'avssl train' for this array; by default the pretrained weights."""
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
-    seed: int = 0
-    """Seed of the scenes."""
+    seed: Seed = DEFAULT_SEED
 
 
 def separation(args: Sequence[str] | None = None) -> None:
@@ -179,8 +178,7 @@ class CameraOptions:
     and a turn can exchange their places in the picture."""
     width: int = 576
     """Width of the pictures in pixels, at least 288; the height is half of it."""
-    seed: int = 0
-    """Seed of the recordings."""
+    seed: Seed = DEFAULT_SEED
     out: Path = Path("runs/camera")
     """Folder that stores the result of every recording."""
 
@@ -196,10 +194,10 @@ def camera(args: Sequence[str] | None = None) -> None:
     options = parse_options(CameraOptions, args)
     if not 0 <= options.standing_share <= 1:
         raise InputError(f"--standing-share is {options.standing_share:g}; give a share from 0 to 1.")
-    if options.num_recordings < 1 or options.seconds < 8 or options.seed < 0 or options.width < 288:
+    if options.num_recordings < 1 or options.seconds < 8 or options.width < 288:
         raise InputError(
-            f"--num-recordings {options.num_recordings} --seconds {options.seconds:g} --width {options.width} --seed "
-            f"{options.seed}: give at least 1 recording, 8 s, 288 columns and the seed 0."
+            f"--num-recordings {options.num_recordings} --seconds {options.seconds:g} --width {options.width}: give at "
+            "least 1 recording, 8 s and 288 columns."
         )
     from avssl_pyro.benchmarks.camera import CameraExperiment, camera_table
     from avssl_pyro.simulation.recordings import Camera

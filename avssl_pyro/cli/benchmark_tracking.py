@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from avssl_pyro.benchmarks.detections import DetectorConfig
-from avssl_pyro.cli.options import parse_options
+from avssl_pyro.cli.options import DEFAULT_SEED, Seed, parse_options
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.simulation.motion import MovingTalkersConfig
@@ -39,8 +39,7 @@ class TrackingOptions:
     """Largest error in degrees that counts as correct."""
     lag: int = 3
     """Number of later windows that online tracking uses."""
-    seed: int = 0
-    """Seed of the recordings."""
+    seed: Seed = DEFAULT_SEED
 
 
 def tracking(args: Sequence[str] | None = None) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from avssl_pyro.cli.options import choose_system, parse_options
+from avssl_pyro.cli.options import DEFAULT_DEVICE, DEFAULT_WORKERS, Device, Workers, choose_system, parse_options
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.systems.config import MOST_GENERAL, PRETRAINED
@@ -60,10 +60,8 @@ class EvaluateOptions:
     """Largest number of rounds of refinement, at least 1, for the refined rows."""
     same_band: bool = False
     """Use all frequencies of the system's spectrogram for the baselines, instead of pyroomacoustics' 500-4000 Hz."""
-    workers: int | None = None
-    """Processes for the baselines; by default one per core."""
-    device: str = "cpu"
-    """Torch device of the networks."""
+    workers: Workers = DEFAULT_WORKERS
+    device: Device = DEFAULT_DEVICE
 
 
 def main(args: Sequence[str] | None = None) -> None:
@@ -106,8 +104,6 @@ def evaluate_with(options: EvaluateOptions) -> None:
 
 
 def _check(options: EvaluateOptions) -> None:
-    if options.workers is not None and options.workers < 1:
-        raise InputError(f"--workers is {options.workers}; give a number of at least 1, or none for one per core.")
     if options.sets is not None and (options.validation_data or options.test_data):
         raise InputError("--sets brings scenes for both; leave out --validation-data and --test-data.")
     if options.tables and (options.validation_data or options.test_data):

@@ -12,7 +12,7 @@ import tyro
 
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
-from avssl_pyro.cli.options import choose_system, given, parse_options
+from avssl_pyro.cli.options import DEFAULT_DEVICE, Device, choose_system, given, parse_options
 from avssl_pyro.cli.outputs import check_outputs
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
@@ -61,8 +61,7 @@ class LocalizeOptions:
     faster and much less accurate."""
     thresholds: SourceThresholds = REFINED_THRESHOLDS
     """Conditions under which a class counts as a source; the defaults are higher with --rounds 0."""
-    device: str = "cpu"
-    """Torch device."""
+    device: Device = DEFAULT_DEVICE
     recording: Annotated[RecordingOptions, tyro.conf.arg(name="")] = field(default_factory=RecordingOptions)
     """A whole recording."""
 

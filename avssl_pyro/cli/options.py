@@ -24,6 +24,14 @@ if TYPE_CHECKING:
 
 OptionsT = TypeVar("OptionsT")
 
+# One help text and one default for each option of many commands; parse_options checks their ranges.
+Seed = Annotated[int, tyro.conf.arg(help="Seed of all random draws, at least 0; the same seed repeats them.")]
+DEFAULT_SEED = 0
+Workers = Annotated[int | None, tyro.conf.arg(help="Number of processes; by default one per core.")]
+DEFAULT_WORKERS = None
+Device = Annotated[str, tyro.conf.arg(help="Torch device of the networks, such as cpu or cuda.")]
+DEFAULT_DEVICE = "cpu"
+
 
 @dataclass(frozen=True)
 class AlignmentOptions:
@@ -138,10 +146,20 @@ def parse_options(kind: type[OptionsT], args: Sequence[str] | None, default: Opt
         kind: dataclass of the options.
         args: the command line; by default that of the process.
         default: options in place of the dataclass's own defaults.
+
+    Raises:
+        InputError: the seed or the number of processes is out of range.
     """
     if default is None:
-        return tyro.cli(kind, prog=_program(), args=args)
-    return tyro.cli(kind, prog=_program(), args=args, default=default)
+        options = tyro.cli(kind, prog=_program(), args=args)
+    else:
+        options = tyro.cli(kind, prog=_program(), args=args, default=default)
+    seed, workers = getattr(options, "seed", DEFAULT_SEED), getattr(options, "workers", DEFAULT_WORKERS)
+    if seed < 0:
+        raise InputError(f"--seed is {seed}; give a number of at least 0.")
+    if workers is not None and workers < 1:
+        raise InputError(f"--workers is {workers}; give a number of at least 1, or leave it out for one per core.")
+    return options
 
 
 def _program() -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from avssl_pyro.cli.options import AlignmentOptions, parse_options
+from avssl_pyro.cli.options import DEFAULT_SEED, DEFAULT_WORKERS, AlignmentOptions, Seed, Workers, parse_options
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.dcase import DcaseRow
 
@@ -60,12 +60,10 @@ class PrepareOptions:
     """Clips kept aside: none, those of whole recordings, or (time) those at the end of each recording."""
     validation_share: float = 0.1
     """Share of the recordings, or of the time of each, that is kept aside."""
-    seed: int = 0
-    """Seed of the choice of recordings kept aside."""
+    seed: Seed = DEFAULT_SEED
     shard_size: int = 100
     """Clips per tar file."""
-    workers: int = 1
-    """Processes that cut clips; each decodes video with several threads."""
+    workers: Workers = DEFAULT_WORKERS
 
 
 def main(args: Sequence[str] | None = None) -> None:
@@ -82,8 +80,8 @@ def prepare_with(options: PrepareOptions) -> Prepared:
     from avssl_pyro.recordings.discovery import unique_names
     from avssl_pyro.recordings.preparation import CuttingConfig, prepare
 
-    if options.workers < 1 or options.seed < 0 or options.top < 0:
-        raise InputError("--workers must be at least 1, --seed and --top at least 0.")
+    if options.top < 0:
+        raise InputError(f"--top is {options.top}; give a number of clips, or 0 for all.")
     array = _array(options)
     hop_s = options.clip_seconds if options.hop is None else options.hop
     cutting = CuttingConfig(options.clip_seconds, hop_s, options.top or None)
@@ -97,7 +95,7 @@ def prepare_with(options: PrepareOptions) -> Prepared:
         splitter,
         labels,
         scenes_per_shard=options.shard_size,
-        workers=options.workers,
+        workers=options.workers or -1,
     )
     for remark in made.remarks:
         _warn(remark)

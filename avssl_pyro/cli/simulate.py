@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from avssl_pyro.cli.options import AssetOptions, parse_options
+from avssl_pyro.cli.options import DEFAULT_SEED, DEFAULT_WORKERS, AssetOptions, Seed, Workers, parse_options
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
 
@@ -27,8 +27,9 @@ EXIT_UNSOUND = 1
 class SimulateOptions:
     """Render audio-visual scenes and store them as WebDataset shards.
 
-    Synthetic material replaces --speech, --people or --panoramas where they are not given. After an interruption, the
-    same command continues where it stopped.
+    Synthetic material replaces --speech, --people or --panoramas where they are not given. The same --seed gives the
+    same bytes; sets that must not share scenes need different seeds. After an interruption, the same command continues
+    where it stopped.
     """
 
     out: Path | None = None
@@ -40,12 +41,10 @@ class SimulateOptions:
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     array: str = "circle246"
     """Array to render: a preset or a YAML file. Shards of circle246 can be read as circle2, circle4 or circle6."""
-    seed: int = 0
-    """Seed of the scenes; the same seed gives the same bytes. Sets that must not share scenes need different seeds."""
+    seed: Seed = DEFAULT_SEED
     shard_size: int = 100
     """Scenes per tar file."""
-    workers: int | None = None
-    """Processes that render; by default one per core."""
+    workers: Workers = DEFAULT_WORKERS
     scheduler: str | None = None
     """Address of a Dask scheduler, such as tcp://host:8786, whose workers replace local processes."""
     preview: Annotated[Path | None, tyro.conf.arg(metavar="FILE.png")] = None
@@ -102,10 +101,6 @@ def _simulator(options: SimulateOptions) -> SceneSimulator:
     from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
     from avssl_pyro.simulation.scenes import SceneSimulator
 
-    if options.seed < 0:
-        raise InputError(f"--seed is {options.seed}; give a number of at least 0.")
-    if options.workers is not None and options.workers < 1:
-        raise InputError(f"--workers is {options.workers}; give a number of at least 1, or none for one per core.")
     return SceneSimulator(
         config=SceneConfig(condition=CONDITIONS[options.condition]),
         seed=options.seed,

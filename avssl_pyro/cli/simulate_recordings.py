@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.cli.options import AssetOptions, parse_options
+from avssl_pyro.cli.options import DEFAULT_SEED, AssetOptions, Seed, parse_options
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
 from avssl_pyro.io.dcase import write_dcase
@@ -35,6 +35,7 @@ class SimulateRecordingsOptions:
 
     The people walk, stand, talk and pause. Writes mic_dev (or foa_dev), video_dev and metadata_dev as in STARSS23, for
     'avssl prepare --starss'. Synthetic material replaces --speech, --people or --panoramas where they are not given.
+    The number of the room in file names is the --seed.
     """
 
     out: Path
@@ -45,8 +46,7 @@ class SimulateRecordingsOptions:
     """Number of recordings, from 1 to 999."""
     array: str = "starss23-mic"
     """Array to render: a preset or a YAML file (docs/arrays.md), without measured responses."""
-    seed: int = 0
-    """Seed of the recordings, and number of the room in file names; the same seed gives the same sound and labels."""
+    seed: Seed = DEFAULT_SEED
     split: Literal["dev-train", "dev-test"] = "dev-test"
     """STARSS23 split of the recordings."""
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
@@ -97,8 +97,6 @@ def _check(options: SimulateRecordingsOptions) -> None:
         raise InputError(f"--frame-rate is {options.frame_rate:g}; give one from 1 to 120.")
     if not 8_000 <= options.sample_rate <= 192_000:
         raise InputError(f"--sample-rate is {options.sample_rate}; give hertz, from 8000 to 192000.")
-    if options.seed < 0:
-        raise InputError(f"--seed is {options.seed}; give a number of at least 0.")
     if not np.isfinite(options.yaw):
         raise InputError(f"--yaw is {options.yaw}; give degrees.")
 

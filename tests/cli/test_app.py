@@ -3,12 +3,14 @@
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
+from typing import get_type_hints
 
 import pytest
 
 from avssl_pyro import __version__
-from avssl_pyro.cli import app, benchmark_recordings, prepare, simulate
+from avssl_pyro.cli import app, benchmark_recordings, options, prepare, simulate
 from avssl_pyro.cli.command import EXIT_BAD_INPUT
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ
@@ -84,3 +86,30 @@ def test_defaults_that_options_repeat_are_the_library_s() -> None:
     assert simulate.SimulateOptions.shard_size == prepare.PrepareOptions.shard_size == SCENES_PER_SHARD
     assert benchmark_recordings.RecordingsOptions.baseline_band_hz == DEFAULT_BAND_HZ
     assert benchmark_recordings.CameraOptions.standing_share == MovingPeopleConfig.standing_share
+
+
+def test_shared_options_have_one_type_help_and_default() -> None:
+    shared = {
+        "seed": (options.Seed, options.DEFAULT_SEED),
+        "workers": (options.Workers, options.DEFAULT_WORKERS),
+        "device": (options.Device, options.DEFAULT_DEVICE),
+    }
+    seen = set()
+    for command in ALL.values():
+        kind = command.load(command.options)
+        types = get_type_hints(kind, include_extras=True)
+        for field in fields(kind):
+            if field.name in shared:
+                assert (types[field.name], field.default) == shared[field.name], (command, field.name)
+                seen.add(field.name)
+    assert seen == set(shared)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["benchmark", "elbo", "--seed", "-1"], ["prepare", "--out", "x", "--seed", "-1"], ["evaluate", "--workers", "0"]],
+)
+def test_shared_options_out_of_range_are_refused_by_every_command(
+    words: list[str], refusal: Callable[[Callable[[], int | None]], str]
+) -> None:
+    assert f"{words[-2]} is {words[-1]}" in refusal(lambda: app.main(words))

@@ -64,7 +64,7 @@ def test_museum_without_clips_is_refused() -> None:
         (["--folder", "nowhere"], "nowhere: no such folder"),
         (["--starss", "nowhere"], "nowhere: no recordings; expected mic_dev/dev-train-sony"),
         (["--video", "none.mp4", "--audio", "none.wav"], "none.wav: no such audio file"),
-        (["--folder", "x", "--top", "-1"], "--top at least 0"),
+        (["--folder", "x", "--top", "-1"], "--top is -1"),
     ],
 )
 def test_bad_options_end_in_one_sentence(
