@@ -12,13 +12,11 @@ import tyro
 
 from avssl_pyro.cli.options import DEFAULT_SEED, DEFAULT_WORKERS, AlignmentOptions, Seed, Workers, parse_options
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.dcase import DcaseRow
 
 if TYPE_CHECKING:
     from avssl_pyro.acoustics.array import MicrophoneArray
-    from avssl_pyro.recordings.discovery import RecordingFiles
+    from avssl_pyro.recordings.collection import Collection
     from avssl_pyro.recordings.preparation import Prepared
-    from avssl_pyro.recordings.recording import Recording
     from avssl_pyro.recordings.split import Splitter
 
 
@@ -26,25 +24,22 @@ if TYPE_CHECKING:
 class PrepareOptions:
     """Cut the loudest clips of recordings into shards for 'avssl train --data'.
 
-    Each clip has an image. Give one recording (--video and --audio), a --folder of them, a --manifest, or a copy of
-    STARSS23 (--starss). Any length, rate and number of channels will do. After an interruption, the same command
-    continues where it stopped.
+    Each clip has an image. Give one recording (--video and --audio) or several (--recordings). Any length, rate and
+    number of channels will do. After an interruption, the same command continues where it stopped.
     """
 
     out: Path
     """Folder of the shards; with --validation, its sub-folders train and validation."""
     array: str | None = None
-    """Array of the recordings: a preset or a YAML file; with --starss by default starss23-mic or starss23-foa."""
+    """Array of the recordings: a preset or a YAML file; by default starss23-mic or starss23-foa for STARSS23."""
     video: Path | None = None
     """360-degree video of one recording, equirectangular, any frame rate."""
     audio: Path | None = None
     """Audio of one recording: WAV or FLAC, any rate."""
-    folder: Path | None = None
-    """Folder of recordings, each a video and an audio file of the same name."""
-    manifest: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
-    """CSV file with the columns video and audio, optionally offset_s and yaw_deg; file names are relative to it."""
-    starss: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder of STARSS23 that contains mic_dev or foa_dev, video_dev and metadata_dev."""
+    recordings: Path | None = None
+    """Several recordings: a folder of videos and audio files of the same names; or a CSV file with the columns video
+    and audio, optionally offset_s and yaw_deg, and file names relative to it; or the folder of STARSS23 that contains
+    mic_dev or foa_dev, video_dev and metadata_dev."""
     format: Literal["mic", "foa"] = "mic"
     """Audio format of STARSS23: microphones (mic) or first-order ambisonics (foa)."""
     split: Literal["dev-train", "dev-test"] = "dev-train"
@@ -77,23 +72,26 @@ def main(args: Sequence[str] | None = None) -> None:
 
 def prepare_with(options: PrepareOptions) -> Prepared:
     """Prepares the clips, prints warnings and the shards, and returns the result."""
-    from avssl_pyro.recordings.discovery import unique_names
     from avssl_pyro.recordings.preparation import CuttingConfig, prepare
 
     if options.top < 0:
         raise InputError(f"--top is {options.top}; give a number of clips, or 0 for all.")
+    if (options.recordings is None) == (options.video is None and options.audio is None):
+        raise InputError("give one recording, --video with --audio, or several, --recordings.")
     array = _array(options)
     hop_s = options.clip_seconds if options.hop is None else options.hop
     cutting = CuttingConfig(options.clip_seconds, hop_s, options.top or None)
     splitter = _splitter(options)
-    recordings, labels = _starss(options) if options.starss is not None else (_recordings(options, array), None)
+    collection = _open(options, array)
+    for remark in collection.remarks:
+        _warn(remark)
     made = prepare(
         options.out,
-        unique_names(recordings),
+        collection.recordings,
         array,
         cutting,
         splitter,
-        labels,
+        collection.labels,
         scenes_per_shard=options.shard_size,
         workers=options.workers or -1,
     )
@@ -107,10 +105,12 @@ def prepare_with(options: PrepareOptions) -> Prepared:
 
 def _array(options: PrepareOptions) -> MicrophoneArray:
     from avssl_pyro.acoustics.presets import resolve_array
+    from avssl_pyro.recordings.collection import CollectionKind, collection_kind
 
+    kind = None if options.recordings is None else collection_kind(options.recordings)
     if options.array is not None:
         return resolve_array(options.array)
-    if options.starss is None:
+    if kind is not CollectionKind.STARSS23:
         raise InputError("give --array: a preset or a YAML file that says where the microphones are.")
     return resolve_array(f"starss23-{options.format}")
 
@@ -127,43 +127,16 @@ def _splitter(options: PrepareOptions) -> Splitter:
             return NoSplit()
 
 
-def _recordings(options: PrepareOptions, array: MicrophoneArray) -> list[Recording]:
-    from avssl_pyro.recordings.discovery import RecordingFiles, read_recording_list, recordings_in_folder
+def _open(options: PrepareOptions, array: MicrophoneArray) -> Collection:
+    from avssl_pyro.recordings.collection import Collection, open_collection
+    from avssl_pyro.recordings.recording import Recording
 
     alignment = options.alignment.of(array)
-    sources = (options.folder, options.manifest, options.video or options.audio)
-    if sum(source is not None for source in sources) != 1:
-        raise InputError("give one of --video with --audio, --folder, --manifest or --starss.")
-    files: tuple[RecordingFiles, ...]
-    if options.folder is not None:
-        files, alone = recordings_in_folder(options.folder, alignment)
-        for path in alone:
-            _warn(f"{path}: has no partner of the same name; it is left out.")
-    elif options.manifest is not None:
-        files = read_recording_list(options.manifest, alignment)
-    elif options.video is None or options.audio is None:
+    if options.recordings is not None:
+        return open_collection(options.recordings, alignment, options.format, options.split)
+    if options.video is None or options.audio is None:
         raise InputError("give both --video and --audio.")
-    else:
-        files = (RecordingFiles(options.video, options.audio, alignment),)
-    return [entry.open() for entry in files]
-
-
-def _starss(options: PrepareOptions) -> tuple[list[Recording], tuple[tuple[DcaseRow, ...] | None, ...]]:
-    from avssl_pyro.recordings.starss23 import list_starss
-
-    assert options.starss is not None
-    if any(source is not None for source in (options.folder, options.manifest, options.video, options.audio)):
-        raise InputError("give one of --video with --audio, --folder, --manifest or --starss.")
-    files = list_starss(options.starss, options.format, options.split)
-    seen = [entry for entry in files if entry.video is not None]
-    if len(seen) < len(files):
-        _warn(
-            f"{options.starss}: {len(files) - len(seen)} of {len(files)} recordings have no video; they are left out."
-        )
-    if not seen:
-        raise InputError(f"{options.starss}: no recording of {options.split} has a video; expected them in video_dev.")
-    labels = tuple(None if entry.labels is None else entry.read_labels() for entry in seen)
-    return [entry.open() for entry in seen], labels
+    return Collection((Recording.open(options.audio, options.video, alignment),))
 
 
 def _warn(sentence: str) -> None:

@@ -34,15 +34,15 @@ class SimulateRecordingsOptions:
     """Render labelled 360-degree recordings of people in a room.
 
     The people walk, stand, talk and pause. Writes mic_dev (or foa_dev), video_dev and metadata_dev as in STARSS23, for
-    'avssl prepare --starss'. Synthetic material replaces --speech, --people or --panoramas where they are not given.
-    The number of the room in file names is the --seed.
+    'avssl prepare --recordings'. Synthetic material replaces --speech, --people or --panoramas where they are not
+    given. The number of the room in file names is the --seed.
     """
 
     out: Path
     """Folder of the recordings; it may hold recordings of other seeds."""
     seconds: float = 60.0
     """Length of a recording in seconds, from 1 to 3600."""
-    recordings: int = 1
+    num_recordings: int = 1
     """Number of recordings, from 1 to 999."""
     array: str = "starss23-mic"
     """Array to render: a preset or a YAML file (docs/arrays.md), without measured responses."""
@@ -73,7 +73,7 @@ def main(args: Sequence[str] | None = None) -> None:
     simulator = _simulator(options)
     for source in (simulator.speech, simulator.people, simulator.panoramas):
         print(f"from {source.describe()}")
-    for index in range(options.recordings):
+    for index in range(options.num_recordings):
         name = f"fold{FOLDS[options.split]}_room{options.seed}_mix{index + 1:03d}"
         audio, labels, video = _paths(options, simulator.array, name)
         recording = simulator.draw(index)
@@ -87,8 +87,8 @@ def main(args: Sequence[str] | None = None) -> None:
 def _check(options: SimulateRecordingsOptions) -> None:
     import numpy as np
 
-    if options.recordings < 1 or options.recordings > 999:
-        raise InputError(f"--recordings is {options.recordings}; give a number from 1 to 999.")
+    if options.num_recordings < 1 or options.num_recordings > 999:
+        raise InputError(f"--num-recordings is {options.num_recordings}; give a number from 1 to 999.")
     if not 1.0 <= options.seconds <= 3600.0:
         raise InputError(f"--seconds is {options.seconds:g}; give a length from 1 to 3600.")
     if options.width < 288 or options.width % 4:

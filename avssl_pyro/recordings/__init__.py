@@ -2,6 +2,7 @@
 
 __all__ = [
     "candidates",
+    "collection",
     "discovery",
     "excerpts",
     "labeled_recordings",

@@ -14,7 +14,7 @@ from avssl_pyro.recordings.recording import Alignment, Recording
 
 AUDIO_SUFFIXES = (".wav", ".flac")
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm", ".m4v", ".mpg", ".mpeg", ".ts")
-_COLUMNS = ("video", "audio", "offset_s", "yaw_deg")
+LIST_COLUMNS = ("video", "audio", "offset_s", "yaw_deg")
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def read_recording_list(path: Path, alignment: Alignment) -> tuple[RecordingFile
         InputError: the file is missing or damaged, or a line is incomplete; the message names the line.
     """
     table = read_csv_table(path, ("video", "audio"))
-    unknown = [column for column in table.columns if column not in _COLUMNS]
+    unknown = [column for column in table.columns if column not in LIST_COLUMNS]
     if unknown:
         raise InputError(
             f"{path}: column '{unknown[0]}' is unknown; the first line must be: video,audio or "

@@ -36,7 +36,7 @@ def test_museum_training_runs_on_clips_of_a_folder(tmp_path: Path, capsys: pytes
         write_noise(folder / f"{name}.wav", [0.1, 0.05, 0.2])
         write_video(folder / f"{name}.mp4", 30)
     write_noise(folder / "alone.wav", [0.1])
-    main(["--folder", str(folder), "--out", str(out), "--array", "circle4", "--top", "4", "--yaw", "10"])
+    main(["--recordings", str(folder), "--out", str(out), "--array", "circle4", "--top", "4", "--yaw", "10"])
     captured = capsys.readouterr()
     assert f"{out}: 4 clips in 1 shards" in captured.out
     assert "alone.wav: has no partner" in captured.err
@@ -58,13 +58,12 @@ def test_museum_without_clips_is_refused() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "give one of --video with --audio"),
+        ([], "give one recording, --video with --audio, or several"),
         (["--video", "v.mp4"], "give both --video and --audio"),
-        (["--folder", "nowhere", "--manifest", "list.csv"], "give one of"),
-        (["--folder", "nowhere"], "nowhere: no such folder"),
-        (["--starss", "nowhere"], "nowhere: no recordings; expected mic_dev/dev-train-sony"),
+        (["--recordings", "nowhere", "--audio", "a.wav"], "give one recording, --video with --audio, or several"),
+        (["--recordings", "nowhere"], "nowhere: no such file or folder; give a folder of videos and audio files"),
         (["--video", "none.mp4", "--audio", "none.wav"], "none.wav: no such audio file"),
-        (["--folder", "x", "--top", "-1"], "--top is -1"),
+        (["--recordings", "x", "--top", "-1"], "--top is -1"),
     ],
 )
 def test_bad_options_end_in_one_sentence(
@@ -165,7 +164,7 @@ def test_starss_is_read_with_its_labels_and_on_the_right_side(
         (3, 4, 1, True),
     ]
     out = tmp_path / "out"
-    main(["--starss", str(starss), "--format", audio_format, "--out", str(out)])
+    main(["--recordings", str(starss), "--format", audio_format, "--out", str(out)])
     assert "1 of 2 recordings have no video" in capsys.readouterr().err
     dataset = SceneDataset(out)
     assert (len(dataset), dataset.array.name) == (2, f"starss23-{audio_format}")
@@ -195,7 +194,7 @@ def test_the_script_tells_bad_input_without_a_traceback(tmp_path: Path) -> None:
     command = [
         sys.executable,
         str(SCRIPT),
-        "--folder",
+        "--recordings",
         str(tmp_path),
         "--out",
         str(tmp_path / "out"),

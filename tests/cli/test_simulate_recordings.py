@@ -16,7 +16,7 @@ SMALL = ["--seconds", "4", "--width", "288", "--frame-rate", "5", "--seed", "7"]
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("simulated")
-    main(["--out", str(out), *SMALL, "--recordings", "2"])
+    main(["--out", str(out), *SMALL, "--num-recordings", "2"])
     return out
 
 
@@ -38,7 +38,7 @@ def test_recordings_are_those_of_starss23(folder: Path) -> None:
 
 
 def test_prepare_reads_them(folder: Path, tmp_path: Path) -> None:
-    prepare.main(["--starss", str(folder), "--split", "dev-test", "--out", str(tmp_path / "clips")])
+    prepare.main(["--recordings", str(folder), "--split", "dev-test", "--out", str(tmp_path / "clips")])
     dataset = SceneDataset(tmp_path / "clips")
     assert len(dataset) >= 6
     assert dataset[0].audio_mn.shape == (4, 16_000)
@@ -67,7 +67,7 @@ def test_any_array_hears_on_its_own_channels(tmp_path: Path) -> None:
     ("args", "words"),
     [
         (["--seconds", "0.5"], "--seconds is 0.5"),
-        (["--recordings", "0"], "--recordings is 0"),
+        (["--num-recordings", "0"], "--num-recordings is 0"),
         (["--width", "1001"], "--width is 1001"),
         (["--frame-rate", "0"], "--frame-rate is 0"),
         (["--sample-rate", "10"], "--sample-rate is 10"),
