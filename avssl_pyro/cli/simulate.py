@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from avssl_pyro.cli.options import DEFAULT_SEED, DEFAULT_WORKERS, AssetOptions, Seed, Workers, parse_options
-from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
 
 if TYPE_CHECKING:
-    from avssl_pyro.datasets.encoding import LabeledScene
     from avssl_pyro.simulation.scenes import SceneSimulator
 
-PREVIEW_SCENES = 12
 EXIT_UNSOUND = 1
 
 
@@ -112,55 +108,25 @@ def _simulator(options: SimulateOptions) -> SceneSimulator:
 
 
 def _generate(options: SimulateOptions, out: Path, simulator: SceneSimulator) -> None:
-    from avssl_pyro.datasets.generation import generate
+    from avssl_pyro.datasets.generation import generate, processes
     from avssl_pyro.datasets.scene_plan import plan_scenes
 
     for source in (simulator.speech, simulator.people, simulator.panoramas):
         print(f"from {source.describe()}")
     plan = plan_scenes(out, simulator, options.num_scenes, options.shard_size)
     started = time.perf_counter()
-    with _backend(options):
+    with processes(options.workers, options.scheduler):
         manifest = generate(plan)
     size_mb = sum(shard.num_bytes for shard in manifest.shards) / 1e6
     seconds = time.perf_counter() - started
     print(f"{out}: {options.num_scenes} scenes in {len(manifest.shards)} shards, {size_mb:.1f} MB, {seconds:.1f} s.")
 
 
-@contextlib.contextmanager
-def _backend(options: SimulateOptions) -> Iterator[None]:
-    import joblib
-
-    if options.scheduler is None:
-        with joblib.parallel_config(n_jobs=options.workers or -1):
-            yield
-        return
-    try:
-        import distributed
-    except ImportError as error:
-        raise InputError("--scheduler needs Dask; install it with: pip install 'avssl-pyro[cluster]'.") from error
-    client = distributed.Client(options.scheduler)
-    with client, joblib.parallel_config("dask", n_jobs=options.workers or -1):
-        yield
-
-
-@dataclass(frozen=True)
-class _StoredScene:
-    clip: Clip
-    labels: SceneLabels
-    metadata: dict[str, Any]
-
-
 def _preview(options: SimulateOptions, simulator: SceneSimulator) -> bytes:
     from avssl_pyro.datasets.dataset import SceneDataset
-    from avssl_pyro.viz.contact_sheet import contact_sheet
+    from avssl_pyro.viz.contact_sheet import simulated_scenes_sheet, stored_scenes_sheet
 
     title = f"{options.condition}, seed {options.seed}, array {simulator.array.name}; solid: talks, dashed: silent"
-    scenes: list[LabeledScene]
     if options.out is None:
-        scenes = [simulator.render(index) for index in range(min(options.num_scenes, PREVIEW_SCENES))]
-        return contact_sheet(scenes, title)
-    dataset = SceneDataset(options.out)
-    count = min(len(dataset), PREVIEW_SCENES)
-    indices = [index * len(dataset) // count for index in range(count)]
-    scenes = [_StoredScene(dataset[index], dataset.labels(index), dataset.metadata(index)) for index in indices]
-    return contact_sheet(scenes, f"{options.out}: {title}")
+        return simulated_scenes_sheet(simulator, options.num_scenes, title)
+    return stored_scenes_sheet(SceneDataset(options.out), f"{options.out}: {title}")

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,21 @@ from avssl_pyro.datasets.encoding import (
 from avssl_pyro.datasets.manifest import to_json
 from avssl_pyro.datasets.shard_reader import ShardReader
 from avssl_pyro.errors import InputError
+
+
+@dataclass(frozen=True)
+class StoredScene:
+    """A clip of a data set with its labels and metadata.
+
+    Args:
+        clip: audio and image.
+        labels: true azimuths.
+        metadata: values in degrees, metres and seconds.
+    """
+
+    clip: Clip
+    labels: SceneLabels
+    metadata: dict[str, Any]
 
 
 class SceneDataset(Dataset[Clip]):
@@ -116,6 +132,10 @@ class SceneDataset(Dataset[Clip]):
             where = self._readers[number].where(shard, position)
             raise InputError(f"{where} has no labels, as it comes from a recording; evaluate on labelled scenes.")
         return labels
+
+    def scene(self, index: int) -> StoredScene:
+        """Reads a scene with its labels and metadata, for evaluation only; see :meth:`labels`."""
+        return StoredScene(self[index], self.labels(index), self.metadata(index))
 
     def metadata(self, index: int) -> dict[str, Any]:
         """Reads the metadata stored with a scene, in degrees, metres and seconds."""

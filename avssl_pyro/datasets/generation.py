@@ -13,6 +13,7 @@ import hashlib
 import os
 import pickle
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -79,6 +80,32 @@ class GenerationPlan:
     @property
     def spec(self) -> DatasetSpec:
         return DatasetSpec(self.configuration, self.seed, self.array, self.num_scenes, self.scenes_per_shard)
+
+
+@contextmanager
+def processes(workers: int | None = None, scheduler: str | None = None) -> Iterator[None]:
+    """Context in which :func:`generate` uses processes of this machine or of a Dask cluster.
+
+    Args:
+        workers: number of processes; None is one per core, or all of the cluster.
+        scheduler: address of a Dask scheduler, such as tcp://host:8786; None for local processes.
+
+    Raises:
+        InputError: Dask is not installed.
+    """
+    if scheduler is None:
+        with joblib.parallel_config(n_jobs=workers or -1):
+            yield
+        return
+    try:
+        import distributed  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(
+            "a Dask scheduler was given, but Dask is not installed; install it with: pip install 'avssl-pyro[cluster]'."
+        ) from error
+    client = distributed.Client(scheduler)
+    with client, joblib.parallel_config("dask", n_jobs=workers or -1):
+        yield
 
 
 def generate(plan: GenerationPlan, workers: int | None = None, progress: bool = True) -> Manifest:

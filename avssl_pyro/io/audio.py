@@ -219,12 +219,14 @@ def _check_duration(frames: int, rate: int, where: str) -> None:
         )
 
 
-def resample(audio: npt.NDArray[np.float32], rate: int, axis: int = 0) -> npt.NDArray[np.float32]:
-    """Resamples audio at a rate in Hz to 16 kHz along an axis."""
-    if rate == SAMPLE_RATE:
+def resample(
+    audio: npt.NDArray[np.float32], rate: int, axis: int = 0, new_rate: int = SAMPLE_RATE
+) -> npt.NDArray[np.float32]:
+    """Resamples audio at a rate in Hz to another one, by default 16 kHz, along an axis."""
+    if rate == new_rate:
         return audio
-    divisor = gcd(rate, SAMPLE_RATE)
-    return np.asarray(resample_poly(audio, SAMPLE_RATE // divisor, rate // divisor, axis=axis), dtype=np.float32)
+    divisor = gcd(rate, new_rate)
+    return np.asarray(resample_poly(audio, new_rate // divisor, rate // divisor, axis=axis), dtype=np.float32)
 
 
 def write_separated(

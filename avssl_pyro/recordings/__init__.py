@@ -10,4 +10,5 @@ __all__ = [
     "recording",
     "split",
     "starss23",
+    "starss23_writer",
 ]

@@ -166,6 +166,20 @@ class SimulatedRecording:
         return PanoramaVideo(self.people, simulator.camera, simulator.people, simulator.panoramas, self.image_rng)
 
     @property
+    def seconds(self) -> float:
+        """Length of the recording in seconds."""
+        return self.voices.sounding_st.shape[1] / 10
+
+    @property
+    def num_people(self) -> int:
+        return len(self.people.distances_s)
+
+    @property
+    def num_talkers(self) -> int:
+        """Number of people who talk at any time."""
+        return int(self.voices.sounding_st.any(axis=1).sum())
+
+    @property
     def labels(self) -> tuple[DcaseRow, ...]:
         """Active talkers in every frame of 100 ms, in the array's coordinates."""
         return dialogue_labels(self.people, self.voices)

@@ -10,12 +10,26 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from avssl_pyro.clip import IMAGE_MAX_ELEVATION_DEG, SAMPLE_RATE, Clip
+from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.encoding import LabeledScene
+from avssl_pyro.simulation.scenes import SceneSimulator
 
 TALKER_COLORS = ("#ffb000", "#00e0ff", "#ff5fa2", "#8cff66")
 SILENT_COLOR = "#ffffff"
 SHEET_COLUMNS = 2
 DOTS_PER_INCH = 100
+MOST_SCENES = 12
+
+
+def stored_scenes_sheet(dataset: SceneDataset, title: str) -> bytes:
+    """Draws up to twelve scenes of a data set, evenly spread; see :func:`contact_sheet`."""
+    count = min(len(dataset), MOST_SCENES)
+    return contact_sheet([dataset.scene(index * len(dataset) // count) for index in range(count)], title)
+
+
+def simulated_scenes_sheet(simulator: SceneSimulator, num_scenes: int, title: str) -> bytes:
+    """Renders and draws up to twelve scenes of a simulator, the first ones; see :func:`contact_sheet`."""
+    return contact_sheet([simulator.render(index) for index in range(min(num_scenes, MOST_SCENES))], title)
 
 
 def contact_sheet(scenes: Sequence[LabeledScene], title: str) -> bytes:
