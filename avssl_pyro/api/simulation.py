@@ -14,9 +14,9 @@ from avssl_pyro.simulation.panoramas import PanoramaFolder
 from avssl_pyro.simulation.people import PeopleFolder
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.simulation.speech import SpeechFolder
-from avssl_pyro.simulation.synthetic_people import ProceduralPerson
-from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
-from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.simulation.synthetic.people import ProceduralPerson
+from avssl_pyro.simulation.synthetic.rooms import ProceduralRoom
+from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 
 
 def simulate(

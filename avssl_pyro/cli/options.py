@@ -67,19 +67,19 @@ class AssetOptions:
 
     def speech_source(self) -> "SpeechSource":
         from avssl_pyro.simulation.speech import SpeechFolder
-        from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+        from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 
         return ProceduralSpeech() if self.speech is None else SpeechFolder(self.speech)
 
     def person_source(self) -> "PersonSource":
         from avssl_pyro.simulation.people import PeopleFolder
-        from avssl_pyro.simulation.synthetic_people import ProceduralPerson
+        from avssl_pyro.simulation.synthetic.people import ProceduralPerson
 
         return ProceduralPerson() if self.people is None else PeopleFolder(self.people)
 
     def panorama_source(self) -> "PanoramaSource":
         from avssl_pyro.simulation.panoramas import PanoramaFolder
-        from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
+        from avssl_pyro.simulation.synthetic.rooms import ProceduralRoom
 
         return ProceduralRoom() if self.panoramas is None else PanoramaFolder(self.panoramas)
 

@@ -14,8 +14,5 @@ __all__ = [
     "reverberation",
     "scenes",
     "speech",
-    "synthetic_people",
-    "synthetic_rooms",
-    "synthetic_speech",
-    "textures",
+    "synthetic",
 ]

@@ -10,7 +10,7 @@ from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.simulation.motion import MovingTalkers
 from avssl_pyro.simulation.reverberation import RoomAcoustics, reverberate, room_responses
 from avssl_pyro.simulation.speech import SpeechSource
-from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 
 # Largest modulus of a rendered recording.
 PEAK = 0.5

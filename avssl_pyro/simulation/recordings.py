@@ -24,9 +24,9 @@ from avssl_pyro.simulation.panoramas import PanoramaSource, to_full_sphere
 from avssl_pyro.simulation.people import PersonSource
 from avssl_pyro.simulation.scenes import check_room_simulation
 from avssl_pyro.simulation.speech import SpeechSource
-from avssl_pyro.simulation.synthetic_people import ProceduralPerson
-from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
-from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.simulation.synthetic.people import ProceduralPerson
+from avssl_pyro.simulation.synthetic.rooms import ProceduralRoom
+from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 from avssl_pyro.validators import at_least
 
 # Cut-outs have fewer rows than bodies in pictures of this width; finer rendering would not show.

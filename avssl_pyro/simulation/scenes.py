@@ -17,9 +17,9 @@ from avssl_pyro.simulation.panoramas import PanoramaSource, to_clip_image
 from avssl_pyro.simulation.people import PersonSource
 from avssl_pyro.simulation.reverberation import reverberate, room_responses
 from avssl_pyro.simulation.speech import SpeechSource
-from avssl_pyro.simulation.synthetic_people import ProceduralPerson
-from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
-from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.simulation.synthetic.people import ProceduralPerson
+from avssl_pyro.simulation.synthetic.rooms import ProceduralRoom
+from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 from avssl_pyro.validators import at_least
 
 # Speech begins this long before the clip, so that the clip starts with reverberation.

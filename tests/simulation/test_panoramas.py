@@ -6,7 +6,7 @@ import pytest
 
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.panoramas import PanoramaFolder, to_clip_image
-from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
+from avssl_pyro.simulation.synthetic.rooms import ProceduralRoom
 
 
 def brightest_column(image_ijc: np.ndarray) -> int:

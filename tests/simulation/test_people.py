@@ -6,7 +6,7 @@ import pytest
 
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.people import PeopleFolder
-from avssl_pyro.simulation.synthetic_people import ProceduralPerson
+from avssl_pyro.simulation.synthetic.people import ProceduralPerson
 
 
 def test_a_cutout_is_trimmed_shrunk_and_keeps_its_colors(tmp_path: Path) -> None:

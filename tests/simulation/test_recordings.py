@@ -24,9 +24,9 @@ from avssl_pyro.simulation.motion import (
 )
 from avssl_pyro.simulation.moving_source import MotionResolution, RoomAcoustics
 from avssl_pyro.simulation.recordings import Camera, PanoramaVideo, RecordingSimulator
-from avssl_pyro.simulation.synthetic_people import ProceduralPerson
-from avssl_pyro.simulation.synthetic_rooms import ProceduralRoom
-from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.simulation.synthetic.people import ProceduralPerson
+from avssl_pyro.simulation.synthetic.rooms import ProceduralRoom
+from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 
 WALKS = MovingTalkersConfig(seconds=6.0, utterance_s=(1.5, 5.0), pause_s=(0.5, 1.0))
 CONFIG = MovingPeopleConfig(walks=WALKS)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.speech import SpeechFolder, active_excerpt
-from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 
 
 def tone(seconds: float, rate: int, frequency_hz: float = 440.0) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource, SourceThresholds, select_sources
-from avssl_pyro.simulation.synthetic_speech import ProceduralSpeech
+from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 
 GRID = DirectionGrid(72)
 

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.clip import IMAGE_COLUMNS, IMAGE_MAX_ELEVATION_DEG, IMAGE_ROWS
-from avssl_pyro.simulation.synthetic_people import random_color
-from avssl_pyro.simulation.textures import PX_PER_M, draw_ceiling, draw_floor, draw_wall
+from avssl_pyro.simulation.synthetic.people import random_color
+from avssl_pyro.simulation.synthetic.textures import PX_PER_M, draw_ceiling, draw_floor, draw_wall
 
 OVERSAMPLING = 2
 NUM_WALLS = 4

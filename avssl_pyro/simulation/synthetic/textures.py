@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from avssl_pyro.simulation.synthetic_people import random_color
+from avssl_pyro.simulation.synthetic.people import random_color
 
 PX_PER_M = 64
 
