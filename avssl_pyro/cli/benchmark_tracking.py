@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from avssl_pyro.benchmarks.detections import DetectorConfig
+from avssl_pyro.benchmarks.tracking import DetectorConfig
 from avssl_pyro.cli.options import DEFAULT_SEED, Seed, parse_options
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig

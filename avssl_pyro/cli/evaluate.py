@@ -77,7 +77,7 @@ def evaluate_with(options: EvaluateOptions) -> None:
     """Scores the systems and baselines, prints the tables and writes the report."""
     _check(options)
     from avssl_pyro.benchmarks.comparison import load_systems, make_suites, run_methods, score_runs
-    from avssl_pyro.benchmarks.paper import run_paper
+    from avssl_pyro.benchmarks.paper.experiment import run_paper
     from avssl_pyro.benchmarks.result_tables import print_report, write_report
     from avssl_pyro.datasets.builtin import TEST, VALIDATION
 

@@ -15,7 +15,7 @@ from avssl_pyro.benchmarks.condition import (
     talking_table,
     timing_table,
 )
-from avssl_pyro.benchmarks.paper import score_cells
+from avssl_pyro.benchmarks.paper.experiment import score_cells
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.evaluation.methods import PosteriorMethod
 from avssl_pyro.evaluation.peaks import PeakSetting

@@ -4,8 +4,8 @@ import pytest
 from result_rows import result_row
 from rich.console import Console
 
-from avssl_pyro.benchmarks.paper_tables import behind, overall_table, paper_tables, sweep_tables
-from avssl_pyro.benchmarks.published_results import PAPER_TABLES, TABLE_I, TABLE_II, TABLE_III
+from avssl_pyro.benchmarks.paper.paper_tables import behind, overall_table, paper_tables, sweep_tables
+from avssl_pyro.benchmarks.paper.published_results import PAPER_TABLES, TABLE_I, TABLE_II, TABLE_III
 from avssl_pyro.benchmarks.result_tables import METHOD_ORDER
 from avssl_pyro.evaluation.tables import print_tables
 

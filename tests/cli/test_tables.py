@@ -10,7 +10,7 @@ import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft_config import StftConfig
-from avssl_pyro.benchmarks import paper
+from avssl_pyro.benchmarks.paper import experiment
 from avssl_pyro.benchmarks.result_tables import METHOD_ORDER
 from avssl_pyro.cli import evaluate
 from avssl_pyro.errors import InputError
@@ -52,7 +52,7 @@ def run_forbidden(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(condition: str, array: Any, *_: Any) -> None:
         raise RuntimeError(f"{condition} M={array.num_microphones} is run again")
 
-    monkeypatch.setattr(paper, "run_condition", refuse)
+    monkeypatch.setattr(experiment, "run_condition", refuse)
 
 
 def test_every_cell_is_there_with_intervals_around_its_value(arguments: list[str]) -> None:

@@ -23,8 +23,8 @@ from avssl_pyro.benchmarks.condition import (
     talking_table,
     timing_table,
 )
-from avssl_pyro.benchmarks.paper_tables import behind, overall_table, paper_tables, sweep_tables
-from avssl_pyro.benchmarks.published_results import ALL_SPEAK, PAPER_TABLES, SOME_SILENT
+from avssl_pyro.benchmarks.paper.paper_tables import behind, overall_table, paper_tables, sweep_tables
+from avssl_pyro.benchmarks.paper.published_results import ALL_SPEAK, PAPER_TABLES, SOME_SILENT
 from avssl_pyro.benchmarks.result_tables import HEADLINE_TOLERANCE_DEG, ResultRow
 from avssl_pyro.datasets.builtin import TEST, VALIDATION, Split
 from avssl_pyro.datasets.dataset import LabeledClips

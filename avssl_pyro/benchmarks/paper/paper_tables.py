@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from avssl_pyro.benchmarks.published_results import MICROPHONES, PAPER_TABLES, PROPOSED, TALKERS, PaperTable
+from avssl_pyro.benchmarks.paper.published_results import MICROPHONES, PAPER_TABLES, PROPOSED, TALKERS, PaperTable
 from avssl_pyro.benchmarks.result_tables import (
     GIVEN_THE_COUNT,
     HEADLINE_TOLERANCE_DEG,
