@@ -1,6 +1,6 @@
 """Compares tracks with single windows; see --help."""
 
-from avssl_pyro.cli.benchmark_tracking import tracking
+from avssl_pyro.cli.benchmark.tracking import tracking
 from avssl_pyro.cli.command import run
 
 if __name__ == "__main__":

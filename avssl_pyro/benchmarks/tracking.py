@@ -51,9 +51,7 @@ def draw_detections(talkers: MovingTalkers, config: DetectorConfig, rng: np.rand
     ]
 
 
-def _detections(
-    truth: dict[int, float], config: DetectorConfig, rng: np.random.Generator
-) -> tuple[LocalizedSource, ...]:
+def _detected(truth: dict[int, float], config: DetectorConfig, rng: np.random.Generator) -> tuple[LocalizedSource, ...]:
     found: list[float] = []
     for azimuth in truth.values():
         offsets = wrap_angle(azimuth - np.array(found))

@@ -3,8 +3,6 @@
 __all__ = [
     "app",
     "benchmark",
-    "benchmark_recordings",
-    "benchmark_tracking",
     "command",
     "demo",
     "doctor",

@@ -55,18 +55,20 @@ COMMANDS = {
     "gallery": Command("gallery", "GalleryOptions", "draws the overlays of scenes chosen by a rule"),
 }
 BENCHMARKS = {
-    "speed": Command("benchmark", "SpeedOptions", "speed and memory", "speed"),
-    "elbo": Command("benchmark", "ElboOptions", "Pyro's ELBO and the closed forms", "elbo"),
-    "combinations": Command("benchmark", "CombinationsOptions", "priors, likelihoods and guides", "combinations"),
+    "speed": Command("benchmark.systems", "SpeedOptions", "speed and memory", "speed"),
+    "elbo": Command("benchmark.systems", "ElboOptions", "Pyro's ELBO and the closed forms", "elbo"),
+    "combinations": Command(
+        "benchmark.systems", "CombinationsOptions", "priors, likelihoods and guides", "combinations"
+    ),
     "calibration": Command(
-        "benchmark", "CalibrationOptions", "simulation-based calibration of posteriors", "calibration"
+        "benchmark.systems", "CalibrationOptions", "simulation-based calibration of posteriors", "calibration"
     ),
     "recordings": Command(
-        "benchmark_recordings", "RecordingsOptions", "labelled recordings without pictures", "recordings"
+        "benchmark.recordings", "RecordingsOptions", "labelled recordings without pictures", "recordings"
     ),
-    "tracking": Command("benchmark_tracking", "TrackingOptions", "tracks and single windows", "tracking"),
-    "separation": Command("benchmark_recordings", "SeparationOptions", "SI-SDR of separated sources", "separation"),
-    "camera": Command("benchmark_recordings", "CameraOptions", "yaw and mirror of simulated cameras", "camera"),
+    "tracking": Command("benchmark.tracking", "TrackingOptions", "tracks and single windows", "tracking"),
+    "separation": Command("benchmark.recordings", "SeparationOptions", "SI-SDR of separated sources", "separation"),
+    "camera": Command("benchmark.recordings", "CameraOptions", "yaw and mirror of simulated cameras", "camera"),
 }
 
 

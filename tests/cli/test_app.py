@@ -10,7 +10,8 @@ from typing import get_type_hints
 import pytest
 
 from avssl_pyro import __version__
-from avssl_pyro.cli import app, benchmark_recordings, options, prepare, simulate
+from avssl_pyro.cli import app, options, prepare, simulate
+from avssl_pyro.cli.benchmark import recordings
 from avssl_pyro.cli.command import EXIT_BAD_INPUT
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD
 from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ
@@ -84,8 +85,8 @@ def test_every_script_runs_a_command() -> None:
 
 def test_defaults_that_options_repeat_are_the_library_s() -> None:
     assert simulate.SimulateOptions.shard_size == prepare.PrepareOptions.shard_size == SCENES_PER_SHARD
-    assert benchmark_recordings.RecordingsOptions.baseline_band_hz == DEFAULT_BAND_HZ
-    assert benchmark_recordings.CameraOptions.standing_share == MovingPeopleConfig.standing_share
+    assert recordings.RecordingsOptions.baseline_band_hz == DEFAULT_BAND_HZ
+    assert recordings.CameraOptions.standing_share == MovingPeopleConfig.standing_share
 
 
 def test_shared_options_have_one_type_help_and_default() -> None:

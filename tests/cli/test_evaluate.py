@@ -9,7 +9,8 @@ import torch
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.benchmarks import elbo
-from avssl_pyro.cli import benchmark, demo, evaluate, gallery
+from avssl_pyro.cli import demo, evaluate, gallery
+from avssl_pyro.cli.benchmark import systems
 from avssl_pyro.errors import InputError
 from avssl_pyro.systems.checkpoint import save_checkpoint
 from avssl_pyro.systems.config import GuideConfig, ModelConfig
@@ -56,7 +57,7 @@ def test_the_comparison_agrees_and_a_wrong_prior_would_not(
     checkpoint: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     short = ["--seconds", "0.05", "--num-clips", "1", "--num-draws", "8"]
-    assert benchmark.elbo(["--checkpoint", str(checkpoint), *short]) == 0
+    assert systems.elbo(["--checkpoint", str(checkpoint), *short]) == 0
     assert "agree." in capsys.readouterr().out
     # The closed form reads its priors from the configuration; another alpha than the model's must be noticed.
     system = elbo.double_precision
@@ -67,11 +68,11 @@ def test_the_comparison_agrees_and_a_wrong_prior_would_not(
         return double
 
     monkeypatch.setattr(elbo, "double_precision", with_another_alpha)
-    assert benchmark.elbo(["--checkpoint", str(checkpoint), *short]) == 1
+    assert systems.elbo(["--checkpoint", str(checkpoint), *short]) == 1
     assert "DISAGREE" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("main", [benchmark.elbo, lambda words: gallery.main(["--data", "none", *words])])
+@pytest.mark.parametrize("main", [systems.elbo, lambda words: gallery.main(["--data", "none", *words])])
 def test_a_checkpoint_of_another_array_is_refused(main: Callable[[Sequence[str]], object], checkpoint: Path) -> None:
     with pytest.raises(InputError, match=r"small\.safetensors: trained for array 'circle4' with 4 microphones, but"):
         main(["--checkpoint", str(checkpoint), "--array", "circle6"])
@@ -90,7 +91,7 @@ def test_the_demo_leaves_what_it_promises(tmp_path: Path) -> None:
 
 
 def test_the_benchmark_prints_its_ratio(capsys: pytest.CaptureFixture[str]) -> None:
-    benchmark.speed(["--array", "circle2", "--batch-size", "2", "--num-repeats", "2"])
+    systems.speed(["--array", "circle2", "--batch-size", "2", "--num-repeats", "2"])
     text = capsys.readouterr().out
     assert "Pyro / plain torch:" in text
     assert "amortized" in text

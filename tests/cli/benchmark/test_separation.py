@@ -12,10 +12,10 @@ import soundfile
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import localize
-from avssl_pyro.cli.benchmark_recordings import separation
+from avssl_pyro.cli.benchmark.recordings import separation
 from avssl_pyro.datasets.dataset import SceneDataset
 
-PAGE = (Path(__file__).parents[2] / "docs" / "separation.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[3] / "docs" / "separation.md").read_text(encoding="utf-8")
 
 
 def command_of(name: str) -> list[str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from avssl_pyro.cli.benchmark_tracking import tracking
+from avssl_pyro.cli.benchmark.tracking import tracking
 from avssl_pyro.errors import InputError
 
 
@@ -16,7 +16,7 @@ def test_prints_every_way_to_link_windows(capsys: pytest.CaptureFixture[str]) ->
 
 
 def test_commands_and_example_of_the_page_run(capsys: pytest.CaptureFixture[str]) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "tracking.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "tracking.md").read_text(encoding="utf-8")
     commands = re.findall(r"^avssl benchmark tracking(.*)$", page, re.MULTILINE)
     assert len(commands) >= 2
     for command in commands:

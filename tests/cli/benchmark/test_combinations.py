@@ -7,7 +7,7 @@ import pytest
 
 from avssl_pyro.benchmarks import combinations
 from avssl_pyro.benchmarks.combinations import RECIPES
-from avssl_pyro.cli import benchmark
+from avssl_pyro.cli.benchmark import systems
 from avssl_pyro.cli.options import choose_system
 from avssl_pyro.errors import InputError
 
@@ -31,7 +31,7 @@ def arguments(scene_folder: Path, tmp_path: Path) -> list[str]:
 def test_rows_of_several_combinations_are_kept(
     arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    benchmark.combinations([*arguments, "--num-combinations", "2"])
+    systems.combinations([*arguments, "--num-combinations", "2"])
     rows = json.loads((tmp_path / "combinations.json").read_text())
     assert [row["guide"] for row in rows] == ["amortized", "refined"]
     # Both bounds are of the same clips under the same model, and the refined posterior is fitted to them.
@@ -46,10 +46,10 @@ def test_rows_of_several_combinations_are_kept(
         raise AssertionError("a kept row was run again")
 
     monkeypatch.setattr(combinations, "run_recipe", run_again)
-    benchmark.combinations([*arguments, "--num-combinations", "2"])
+    systems.combinations([*arguments, "--num-combinations", "2"])
     assert json.loads((tmp_path / "combinations.json").read_text()) == rows
     with pytest.raises(AssertionError, match="run again"):
-        benchmark.combinations([*arguments, "--num-combinations", "2", "--seed", "1"])
+        systems.combinations([*arguments, "--num-combinations", "2", "--seed", "1"])
 
 
 def test_every_recipe_can_be_built_for_the_shipped_system() -> None:
@@ -64,9 +64,9 @@ def test_every_recipe_can_be_built_for_the_shipped_system() -> None:
 
 def test_no_scenes_and_damaged_rows_are_told(arguments: list[str], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--num-validation-scenes 0 and --num-test-scenes 3: both must be at least 1"):
-        benchmark.combinations([*(argument if argument != "2" else "0" for argument in arguments)])
-    benchmark.combinations([*arguments, "--num-combinations", "1"])
+        systems.combinations([*(argument if argument != "2" else "0" for argument in arguments)])
+    systems.combinations([*arguments, "--num-combinations", "1"])
     (row,) = (tmp_path / "rows").iterdir()
     row.write_text("{")
     with pytest.raises(InputError, match=r"damaged .*; delete it and run the same command again"):
-        benchmark.combinations([*arguments, "--num-combinations", "1"])
+        systems.combinations([*arguments, "--num-combinations", "1"])

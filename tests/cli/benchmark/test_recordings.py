@@ -7,7 +7,7 @@ import pytest
 import soundfile
 
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.cli.benchmark_recordings import recordings
+from avssl_pyro.cli.benchmark.recordings import recordings
 from avssl_pyro.clip import SAMPLE_RATE
 
 ARRAY = PRESETS["circle4"]
@@ -70,7 +70,7 @@ def test_fewer_classes_than_talkers_miss_some(folder: Path, capsys: pytest.Captu
 def test_the_example_of_the_page_is_understood(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "recordings.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[3] / "docs" / "recordings.md").read_text(encoding="utf-8")
     [example] = re.findall(r"```\n(file,azimuth_deg\n.*?)```", page, re.DOTALL)
     (tmp_path / "labels.csv").write_text(example)
     for name in ("one.wav", "two.flac"):

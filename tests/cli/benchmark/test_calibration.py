@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from avssl_pyro.cli.benchmark import calibration
+from avssl_pyro.cli.benchmark.systems import calibration
 from avssl_pyro.errors import InputError
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from avssl_pyro.benchmarks.camera import CameraExperiment, CameraTrial
-from avssl_pyro.cli.benchmark_recordings import camera
+from avssl_pyro.cli.benchmark.recordings import camera
 from avssl_pyro.errors import InputError
 
 

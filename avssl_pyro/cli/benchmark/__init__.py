@@ -1,0 +1,7 @@
+"""Commands of ``avssl benchmark``: each parses its options, calls an experiment, and prints its tables."""
+
+__all__ = [
+    "recordings",
+    "systems",
+    "tracking",
+]
