@@ -5,6 +5,7 @@ __all__ = [
     "base",
     "conjugacy",
     "diffuse",
+    "diffuse_start",
     "gaussian_families",
     "initializers",
     "nuts",

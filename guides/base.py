@@ -7,7 +7,6 @@ from typing import NamedTuple, Protocol, Self
 import pyro
 import pyro.distributions as dist
 import torch
-from pyro.distributions import TorchDistribution
 from torch import Tensor, nn
 
 
@@ -29,6 +28,21 @@ class GuideParameters(NamedTuple):
     activation_bkij: Tensor
     diffuse_mu_bkc: Tensor | None = None
     diffuse_sigma_bkc: Tensor | None = None
+
+    def clip(self, b: int) -> "GuideParameters":
+        """The parameters of one clip, still with an axis of clips."""
+        return GuideParameters._make(None if value is None else value[b : b + 1] for value in self)
+
+    def double(self) -> "GuideParameters":
+        """The parameters in double precision."""
+        return GuideParameters._make(None if value is None else value.double() for value in self)
+
+    def sample_sites(self) -> None:
+        """Samples independent sites in Pyro; the plate of clips is the caller's."""
+        pyro.sample("direction_weights", dist.LogNormal(self.mu_bkd, self.sigma_bkd).to_event(2))
+        pyro.sample("mixing_levels", dist.Dirichlet(self.concentration_bk))
+        if self.diffuse_mu_bkc is not None:
+            pyro.sample("diffuse_weights", dist.LogNormal(self.diffuse_mu_bkc, self.diffuse_sigma_bkc).to_event(2))
 
 
 class Initializer(Protocol):
@@ -56,40 +70,24 @@ class PosteriorGuide(Protocol):
 
 
 class FixedGuide(nn.Module):
-    """q(w) q(pi | w) of B clips whose posterior is known; the inputs of a call are ignored.
+    """The posterior of B clips where it is known; the inputs of a call are ignored.
 
     Args:
         parameters: variational parameters of the clips.
-        direction_posterior: q(w), batch_shape (B,), event_shape (K, D); by default LogNormal(mu, sigma^2).
-        level_posterior: function from w to q(pi | w), event_shape (K,); by default Dir(concentration).
+        sample_sites: function that samples the sites in Pyro, each of batch_shape (B,); by default independent
+            LogNormal(mu, sigma^2), Dir(concentration) and, with a room, LogNormal(diffuse_mu, diffuse_sigma^2).
     """
 
     fits_each_clip = True
 
-    def __init__(
-        self,
-        parameters: GuideParameters,
-        direction_posterior: TorchDistribution | None = None,
-        level_posterior: Callable[[Tensor], TorchDistribution] | None = None,
-    ) -> None:
+    def __init__(self, parameters: GuideParameters, sample_sites: Callable[[], None] | None = None) -> None:
         super().__init__()
         self._parameters_of_clips = parameters
-        mu_bkd, sigma_bkd, concentration_bk = parameters[:3]
-        self._diffuse_posterior: TorchDistribution | None = None
-        if parameters.diffuse_mu_bkc is not None:
-            assert parameters.diffuse_sigma_bkc is not None
-            self._diffuse_posterior = dist.LogNormal(parameters.diffuse_mu_bkc, parameters.diffuse_sigma_bkc).to_event(
-                2
-            )
-        self._direction_posterior = direction_posterior or dist.LogNormal(mu_bkd, sigma_bkd).to_event(2)
-        self._level_posterior = level_posterior or (lambda _: dist.Dirichlet(concentration_bk))
+        self._sample_sites = sample_sites or parameters.sample_sites
 
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:  # noqa: ARG002
         with pyro.plate("clip", len(self._parameters_of_clips.mu_bkd), dim=-1):
-            w_bkd = pyro.sample("direction_weights", self._direction_posterior)
-            pyro.sample("mixing_levels", self._level_posterior(w_bkd))
-            if self._diffuse_posterior is not None:
-                pyro.sample("diffuse_weights", self._diffuse_posterior)
+            self._sample_sites()
 
     def parameters_of(self, x_bfmt: Tensor, image_bcij: Tensor) -> GuideParameters:  # noqa: ARG002
         """The known parameters."""

@@ -1,6 +1,7 @@
 """Families of Gaussians for single clips, each fitted through one of Pyro's autoguides."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, Protocol
 
 import torch
@@ -8,18 +9,18 @@ from attrs import field, frozen
 from pyro.infer.autoguide import AutoGuide, AutoLowRankMultivariateNormal, AutoNormal
 from pyro.infer.autoguide.initialization import init_to_value
 from torch import Tensor
-from torch.distributions import StickBreakingTransform
 
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian
 from avssl_pyro.validators import at_least
 
-SITES = ["direction_weights", "mixing_levels"]
+# In the order of the latents of UnconstrainedGaussian; the last is of models with a room.
+SITES = ["direction_weights", "mixing_levels", "diffuse_weights"]
 # Initial loadings of shared factors relative to the spread; zero loadings would stay zero.
 FIRST_LOADING = 0.1
 
 ClipModel = Callable[[Tensor, Tensor], None]
-"""A model of clips (x_bfmt, image_bcij) with the latent sites ``SITES`` in a plate of clips, such as SpatialCGMM."""
+"""A model of clips (x_bfmt, image_bcij) with latent sites ``SITES`` in a plate of clips, such as SpatialCGMM."""
 
 
 class GaussianFamily(Protocol):
@@ -31,8 +32,8 @@ class GaussianFamily(Protocol):
         """An autoguide for the given clip, with the parameters of ``start``."""
         ...
 
-    def posterior(self, autoguide: AutoGuide, num_sources: int) -> UnconstrainedGaussian:
-        """The Gaussian that the autoguide has been fitted to."""
+    def posterior(self, autoguide: AutoGuide, start: UnconstrainedGaussian) -> UnconstrainedGaussian:
+        """The Gaussian that the autoguide has been fitted to, of the sizes of ``start``."""
         ...
 
 
@@ -44,19 +45,22 @@ class MeanField:
         self, model: ClipModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
     ) -> AutoGuide:
         guide = AutoNormal(model, init_loc_fn=_at_means(start))
-        _set_up(guide, x_bfmt, image_bcij)
+        _set_up(guide, start, x_bfmt, image_bcij)
+        sites = _sites_of(start)
         # Set here and not through values of the sites, which do not resolve nearly empty classes.
-        guide.locs.mixing_levels.data.copy_(start.loc_bn[:, start.num_weights :])
-        guide.scales.direction_weights = start.sigma_bkd
-        guide.scales.mixing_levels = start.scale_bn[:, start.num_weights :]
+        guide.locs.mixing_levels.data.copy_(start.split(start.loc_bn)[1])
+        marginal = {"direction_weights": start.sigma_bkd, "diffuse_weights": start.diffuse_sigma_bkc}
+        for site, scale in zip(sites, start.split(start.scale_bn), strict=False):
+            setattr(guide.scales, site, marginal.get(site, scale))
         return guide
 
-    def posterior(self, autoguide: AutoGuide, num_sources: int) -> UnconstrainedGaussian:
+    def posterior(self, autoguide: AutoGuide, start: UnconstrainedGaussian) -> UnconstrainedGaussian:
+        batch_shape = start.loc_bn.shape[:-1]
         loc_bn, scale_bn = (
-            torch.cat([values.direction_weights.flatten(-2), values.mixing_levels], dim=-1).detach()
+            torch.cat([getattr(values, site).reshape(*batch_shape, -1) for site in _sites_of(start)], dim=-1).detach()
             for values in (autoguide.locs, autoguide.scales)
         )
-        return UnconstrainedGaussian(loc_bn, scale_bn, loc_bn.new_zeros(*loc_bn.shape, 0), num_sources)
+        return replace(start, loc_bn=loc_bn, scale_bn=scale_bn, factor_bnr=loc_bn.new_zeros(*loc_bn.shape, 0))
 
 
 @frozen
@@ -69,35 +73,39 @@ class LowRank:
         self, model: ClipModel, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor
     ) -> AutoGuide:
         guide = AutoLowRankMultivariateNormal(model, init_loc_fn=_at_means(start), rank=self.rank)
-        _set_up(guide, x_bfmt, image_bcij)
-        place_n = _sites_in_order(guide, start.num_sources).argsort()
+        _set_up(guide, start, x_bfmt, image_bcij)
+        place_n = _sites_in_order(guide, start).argsort()
         guide.loc.data.copy_(start.loc_bn[0, place_n])
         guide.scale = start.scale_bn[0, place_n]  # type: ignore[assignment]
         # Loadings are relative to the scale.
         guide.cov_factor.data.mul_(FIRST_LOADING)
         return guide
 
-    def posterior(self, autoguide: AutoGuide, num_sources: int) -> UnconstrainedGaussian:
-        order_n = _sites_in_order(autoguide, num_sources)
+    def posterior(self, autoguide: AutoGuide, start: UnconstrainedGaussian) -> UnconstrainedGaussian:
+        order_n = _sites_in_order(autoguide, start)
         loc_n, scale_n = autoguide.loc.detach()[order_n], autoguide.scale.detach()[order_n]
         factor_nr = autoguide.cov_factor.detach()[order_n] * scale_n[:, None]
-        return UnconstrainedGaussian(loc_n[None], scale_n[None], factor_nr[None], num_sources)
+        return replace(start, loc_bn=loc_n[None], scale_bn=scale_n[None], factor_bnr=factor_nr[None])
 
 
 def _at_means(start: UnconstrainedGaussian) -> Callable[[dict[str, Any]], Tensor]:
-    level_bk = StickBreakingTransform()(start.loc_bn[:, start.num_weights :])
-    return init_to_value(values=dict(zip(SITES, (start.mu_bkd.exp(), level_bk), strict=True)))
+    values, _ = start.sites_of(start.loc_bn)
+    return init_to_value(values=values)
 
 
-def _set_up(autoguide: AutoGuide, x_bfmt: Tensor, image_bcij: Tensor) -> None:
+def _set_up(autoguide: AutoGuide, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor) -> None:
     """An autoguide makes its parameters when it is first called."""
     autoguide(x_bfmt, image_bcij)
-    found = _sites(autoguide)
-    if sorted(found) != SITES:
+    found, expected = _sites(autoguide), _sites_of(start)
+    if sorted(found) != sorted(expected):
         raise InputError(
             f"PerClipGuide: the model has the latent sites {', '.join(found)}; "
-            f"it must have {' and '.join(SITES)} alone."
+            f"it must have {' and '.join(expected)} alone."
         )
+
+
+def _sites_of(gaussian: UnconstrainedGaussian) -> list[str]:
+    return SITES if gaussian.num_components else SITES[:-1]
 
 
 def _sites(autoguide: AutoGuide) -> list[str]:
@@ -105,7 +113,9 @@ def _sites(autoguide: AutoGuide) -> list[str]:
     return [name for name, _ in autoguide.prototype_trace.iter_stochastic_nodes()]
 
 
-def _sites_in_order(autoguide: Any, num_sources: int) -> Tensor:
-    """Where in the autoguide's latent vector the log-weights are, then the sticks: a model may draw either first."""
-    index_n = torch.arange(autoguide.latent_dim)
-    return index_n if _sites(autoguide) == SITES else index_n.roll(1 - num_sources)
+def _sites_in_order(autoguide: Any, start: UnconstrainedGaussian) -> Tensor:
+    """Indices in the autoguide's latent vector of the latents of ``start``: a model may draw its sites in any order."""
+    sites = _sites(autoguide)
+    sizes = dict(zip(SITES, (start.num_weights, start.num_sources - 1, start.num_diffuse), strict=True))
+    index = dict(zip(sites, torch.arange(autoguide.latent_dim).split([sizes[site] for site in sites]), strict=True))
+    return torch.cat([index[site] for site in _sites_of(start)])

@@ -25,6 +25,7 @@ from tqdm import tqdm
 from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.base import ClipFittedGuide, FixedGuide, GuideParameters, PosteriorGuide
+from avssl_pyro.guides.diffuse_start import start_for
 from avssl_pyro.guides.per_clip import dirichlet_of_moments
 from avssl_pyro.guides.posterior_draws import PosteriorDraws
 from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
@@ -32,6 +33,12 @@ from avssl_pyro.validators import at_least, between
 
 # Distance of chains from the start in standard deviations: apart, but in the same copy of the mode.
 JITTER = 0.5
+# Axes of the sites beside chain and draw, as ArviZ names them.
+DIMS = {
+    "direction_weights": ["source", "direction"],
+    "mixing_levels": ["source"],
+    "diffuse_weights": ["source", "component"],
+}
 
 
 @frozen
@@ -76,7 +83,7 @@ class NutsDraws(PosteriorDraws):
         return values_s.unflatten(0, (self.chains, -1))
 
     def to_arviz(self) -> Any:
-        """ArviZ's InferenceData: ``direction_weights``, ``mixing_levels`` and ``sample_stats.diverging``.
+        """ArviZ's InferenceData: the sites of the model, and ``sample_stats.diverging``.
 
         Raises:
             InputError: ArviZ is not installed.
@@ -89,12 +96,9 @@ class NutsDraws(PosteriorDraws):
             import arviz  # noqa: PLC0415 - an optional dependency
 
         return arviz.from_dict(
-            posterior={
-                "direction_weights": self.by_chain(self.w_skd).numpy(),
-                "mixing_levels": self.by_chain(self.pi_sk).numpy(),
-            },
+            posterior={site: self.by_chain(value_s).numpy() for site, value_s in self.sites.items()},
             sample_stats={"diverging": self.by_chain(self.diverging_s).numpy()},
-            dims={"direction_weights": ["source", "direction"], "mixing_levels": ["source"]},
+            dims={site: DIMS[site] for site in self.sites},
         )
 
     def moments(self) -> tuple[Tensor, Tensor, Tensor]:
@@ -102,11 +106,18 @@ class NutsDraws(PosteriorDraws):
         log_w_skd = self.w_skd.log()
         return log_w_skd.mean(0), log_w_skd.std(0), dirichlet_of_moments(self.pi_sk[:, None])[0]
 
+    def diffuse_moments(self) -> tuple[Tensor, Tensor] | None:
+        """Means and standard deviations (K, C) of log e; None without a room."""
+        if self.e_skc is None:
+            return None
+        log_e_skc = self.e_skc.log()
+        return log_e_skc.mean(0), log_e_skc.std(0)
+
 
 def sample_posterior(
     start: PosteriorGuide, model: nn.Module, x_fmt: Tensor, image_cij: Tensor, config: NutsConfig | None = None
 ) -> NutsDraws:
-    """Draws from p(w, pi | x) of one clip, in double precision.
+    """Draws from p(w, pi | x), with a room p(w, pi, e | x), of one clip, in double precision.
 
     Args:
         start: guide; chains begin near its mean, and its spread is the scale of the first mass matrix.
@@ -129,25 +140,29 @@ def sample_posteriors(
     divergences are those of all clips together.
 
     Raises:
-        InputError: the model has a room.
+        InputError: start and model have different numbers of diffuse components.
     """
     config = NutsConfig() if config is None else config
-    if getattr(model, "room", None) is not None:
-        raise InputError(
-            "NUTS draws direction weights and mixing levels, and this model has diffuse weights as well; use a "
-            "RefinedGuide, or a model without a room."
-        )
     with torch.no_grad(), poutine.block():
-        answer = start.parameters_of(x_bfmt, image_bcij)
+        answer = start_for(model, start.parameters_of(x_bfmt, image_bcij), x_bfmt, image_bcij)
     # The log-likelihood has five to seven digits before the point, and acceptance depends on one after it.
-    origin = log_normal_and_dirichlet(*(value.double() for value in answer[:3]))
+    exact = answer.double()
+    origin = log_normal_and_dirichlet(*exact[:3], exact.diffuse_mu_bkc, exact.diffuse_sigma_bkc)
     potential = ClipPotential(model, origin, x_bfmt, image_bcij)
     chains = [_run_chain(potential, config, chain) for chain in range(config.chains)]
     latent_sbn = potential.latent_of(torch.cat([draws_sbn for draws_sbn, _ in chains]))
     diverging_s = torch.cat([diverging_s for _, diverging_s in chains])
-    w_sbkd, pi_sbk, _ = origin.sites_of(latent_sbn)
+    sites, _ = origin.sites_of(latent_sbn)
+    w_sbkd, pi_sbk, e_sbkc = sites["direction_weights"], sites["mixing_levels"], sites.get("diffuse_weights")
     return [
-        NutsDraws(w_sbkd[:, b], pi_sbk[:, b], config.chains, diverging_s, potential.gradients)
+        NutsDraws(
+            w_sbkd[:, b],
+            pi_sbk[:, b],
+            config.chains,
+            diverging_s,
+            potential.gradients,
+            e_skc=None if e_sbkc is None else e_sbkc[:, b],
+        )
         for b in range(len(x_bfmt))
     ]
 
@@ -171,16 +186,14 @@ class NutsGuide(ClipFittedGuide):
             start = self.start.parameters_of(x_bfmt, image_bcij)
         draws = []
         for b, clip in enumerate(zip(x_bfmt, image_bcij, strict=True)):
-            known = FixedGuide(GuideParameters(*(value[b : b + 1] for value in start[:4])))
-            draws.append(sample_posterior(known, self.model, *clip, self.config))
-        mu_bkd, sigma_bkd, concentration_bk = (
-            torch.stack(values).to(start.mu_bkd) for values in zip(*(clip.moments() for clip in draws), strict=True)
-        )
-        return FixedGuide(GuideParameters(mu_bkd, sigma_bkd, concentration_bk, start.activation_bkij))
+            draws.append(sample_posterior(FixedGuide(start.clip(b)), self.model, *clip, self.config))
+        known = [(*clip.moments(), *(clip.diffuse_moments() or ())) for clip in draws]
+        moments = [torch.stack(values).to(start.mu_bkd) for values in zip(*known, strict=True)]
+        return FixedGuide(GuideParameters._make([*moments[:3], start.activation_bkij, *(moments[3:] or (None, None))]))
 
 
 class ClipPotential:
-    """-log p(x, w, pi) of clips over their unconstrained latents, in units of the origin's spreads.
+    """Minus the log of the joint density of clips over their unconstrained latents, in units of the origin's spreads.
 
     Args:
         model, x_bfmt, image_bcij: as of :func:`sample_posteriors`; the model is copied in double precision.
@@ -200,8 +213,8 @@ class ClipPotential:
 
     def __call__(self, scaled: dict[str, Tensor]) -> Tensor:
         self.gradients += 1
-        w_bkd, pi_bk, jacobian_b = self.origin.sites_of(self.latent_of(scaled["latent"]))
-        at_point = poutine.condition(self.model, data={"direction_weights": w_bkd, "mixing_levels": pi_bk})
+        sites, jacobian_b = self.origin.sites_of(self.latent_of(scaled["latent"]))
+        at_point = poutine.condition(self.model, data=sites)
         trace = poutine.trace(at_point).get_trace(self.x_bfmt, self.image_bcij)
         log_joint: Tensor = trace.log_prob_sum() + jacobian_b.sum()
         return -log_joint

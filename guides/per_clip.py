@@ -1,7 +1,7 @@
 """Guides fitted to single clips by gradients (Pyro's autoguides), started at another guide's posterior.
 
-They need the model's two latent sites only, so they work with any priors and any likelihood. Mean field fits each
-latent apart; low rank adds correlations between latents.
+They need the model's latent sites only, so they work with any priors, any likelihood and any room. Mean field fits
+each latent apart; low rank adds correlations between latents.
 """
 
 import pyro
@@ -15,6 +15,7 @@ from avssl_pyro.distributions.seeded import seeded
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.base import ClipFittedGuide, FixedGuide, GuideParameters, PosteriorGuide
+from avssl_pyro.guides.diffuse_start import start_for
 from avssl_pyro.guides.gaussian_families import ClipModel, GaussianFamily, MeanField
 from avssl_pyro.guides.unconstrained_gaussian import UnconstrainedGaussian, log_normal_and_dirichlet
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
@@ -90,21 +91,32 @@ class PerClipGuide(ClipFittedGuide):
         """Fits the guide to these clips.
 
         Raises:
-            InputError: the model has other latent sites than ``direction_weights`` and ``mixing_levels``.
+            InputError: the model has other latent sites than ``SpatialCGMM``, or another number of diffuse components
+                than the start.
         """
         with torch.no_grad(), poutine.block():
-            start = self.start.parameters_of(x_bfmt, image_bcij)
-        gaussian = log_normal_and_dirichlet(start.mu_bkd, FIRST_SPREAD * start.sigma_bkd, start.concentration_bk)
+            start = start_for(self.model, self.start.parameters_of(x_bfmt, image_bcij), x_bfmt, image_bcij)
+        gaussian = log_normal_and_dirichlet(
+            start.mu_bkd,
+            FIRST_SPREAD * start.sigma_bkd,
+            start.concentration_bk,
+            start.diffuse_mu_bkc,
+            None if start.diffuse_sigma_bkc is None else FIRST_SPREAD * start.diffuse_sigma_bkc,
+        )
         fits = [self._fit(gaussian.clip(b), x_bfmt[b : b + 1], image_bcij[b : b + 1]) for b in range(len(start.mu_bkd))]
         posterior = UnconstrainedGaussian.stack(fits)
-        direction_posterior = posterior.direction_posterior()
         # Levels are summarised by the Dirichlet with their means and their summed variance.
         with torch.no_grad(), seeded(self.config.seed, posterior.loc_bn.device):
-            level_sbk = posterior.level_posterior(direction_posterior.sample((LEVEL_DRAWS,))).sample()
+            level_sbk = posterior.level_posterior(posterior.direction_posterior().sample((LEVEL_DRAWS,))).sample()
         parameters = GuideParameters(
-            posterior.mu_bkd, posterior.sigma_bkd, dirichlet_of_moments(level_sbk), start.activation_bkij
+            posterior.mu_bkd,
+            posterior.sigma_bkd,
+            dirichlet_of_moments(level_sbk),
+            start.activation_bkij,
+            posterior.diffuse_mu_bkc,
+            posterior.diffuse_sigma_bkc,
         )
-        return FixedGuide(parameters, direction_posterior, posterior.level_posterior)
+        return FixedGuide(parameters, posterior.sample_sites)
 
     def _fit(self, start: UnconstrainedGaussian, x_bfmt: Tensor, image_bcij: Tensor) -> UnconstrainedGaussian:
         config = self.config
@@ -125,7 +137,7 @@ class PerClipGuide(ClipFittedGuide):
                 loss(x_bfmt, image_bcij).backward()
                 optimizer.step()
                 schedule.step()
-            return self.family.posterior(autoguide, start.num_sources)
+            return self.family.posterior(autoguide, start)
 
 
 def dirichlet_of_moments(level_sbk: Tensor) -> Tensor:

@@ -6,8 +6,6 @@ from the expected information, see :mod:`avssl_pyro.distributions.map_em`. Prior
 model, see :mod:`avssl_pyro.guides.conjugacy` for those that can be swapped.
 """
 
-import math
-
 import torch
 import torch.nn.functional as F
 from torch import Tensor
@@ -16,6 +14,7 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import LEAST_CONCENTRATION
 from avssl_pyro.guides.base import ClipFittedGuide, FixedGuide, GuideParameters, Initializer
 from avssl_pyro.guides.conjugacy import check_map_em, map_em_of
+from avssl_pyro.guides.diffuse_start import with_diffuse_start
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -88,15 +87,6 @@ class RefinedGuide(ClipFittedGuide):
             diffuse_sigma_bkc=sigma_bkj[..., d:] if components else None,
         )
         return FixedGuide(parameters)
-
-
-def with_diffuse_start(log_w_bkd: Tensor, components: int, share: float) -> Tensor:
-    """Log-weights with as many equal diffuse ones after them, together the given share of the sum, (B, K, D + C)."""
-    if components == 0:
-        return log_w_bkd
-    ratio = share / (1 - share) / components
-    log_e_bk1 = log_w_bkd.logsumexp(-1, keepdim=True) + math.log(ratio)
-    return torch.cat([log_w_bkd, log_e_bk1.expand(*log_e_bk1.shape[:-1], components)], dim=-1)
 
 
 def _over_columns(change_bkd: Tensor, activation_bkij: Tensor) -> Tensor:

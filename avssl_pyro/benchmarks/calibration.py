@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from attrs import evolve
 from torch import Tensor, nn
@@ -27,9 +28,11 @@ from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_from
 from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
+from avssl_pyro.models.room import ROOM_DIFFUSE, Room
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.viz.plots import save_rank_histograms
 
+ARRAY = PRESETS["circle4"]
 LOWEST_HZ, HIGHEST_HZ = 500.0, 3000.0
 FORMAT = "avssl-calibration/2"
 REFINED, MEAN_FIELD, LOW_RANK, NUTS = "refined", "mean field", "low rank", "NUTS"
@@ -47,6 +50,7 @@ class ToyModel:
         draws: number of draws L of every posterior.
         thinning: number of draws of NUTS of which one is kept, so that those kept are nearly independent.
         warmup: number of warm-up steps of NUTS.
+        room: whether every class has a share of diffuse sound.
     """
 
     num_sources: int = 2
@@ -58,21 +62,27 @@ class ToyModel:
     draws: int = 49
     thinning: int = 2
     warmup: int = 60
+    room: bool = False
 
     @property
     def grid(self) -> DirectionGrid:
         return DirectionGrid(self.num_directions)
 
     @property
+    def frequencies_hz(self) -> npt.NDArray[np.float64]:
+        return np.linspace(LOWEST_HZ, HIGHEST_HZ, self.num_bins)
+
+    @property
     def steering_fdm(self) -> Tensor:
         """Four microphones, complex (F, D, M)."""
-        frequencies = np.linspace(LOWEST_HZ, HIGHEST_HZ, self.num_bins)
-        return FreeField(PRESETS["circle4"])(self.grid, frequencies).to(torch.complex64)
+        return FreeField(ARRAY)(self.grid, self.frequencies_hz).to(torch.complex64)
 
     def model(self) -> SpatialCGMM:
-        return SpatialCGMM(
-            self.steering_fdm, self.num_sources, SymmetricDirichlet(self.alpha), LogNormalWeights(self.sigma)
-        )
+        levels, directions = SymmetricDirichlet(self.alpha), LogNormalWeights(self.sigma)
+        if not self.room:
+            return SpatialCGMM(self.steering_fdm, self.num_sources, levels, directions)
+        room = Room.of_array(ARRAY, self.grid, self.frequencies_hz)
+        return SpatialCGMM(self.steering_fdm, self.num_sources, levels, directions, ROOM_DIFFUSE, room=room)
 
     def spectrogram(self) -> Tensor:
         """Zeros of the size of the data, complex (F, M, T)."""
@@ -99,8 +109,7 @@ class ToyModel:
 
         def by_nuts(x_bfmt: Tensor, image_bcij: Tensor, seeds: Sequence[int]) -> list[PosteriorDraws]:
             clips = sample_posteriors(refined, model, x_bfmt, image_bcij, evolve(config, seed=seeds[0]))
-            kept = slice(self.thinning - 1, None, self.thinning)
-            return [PosteriorDraws(draws.w_skd[kept].float(), draws.pi_sk[kept].float()) for draws in clips]
+            return [draws.thinned(self.thinning).float() for draws in clips]
 
         return {
             REFINED: by_guide(refined),

@@ -21,6 +21,7 @@ from torch import Tensor, nn
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.errors import InputError
+from avssl_pyro.guides.conjugacy import WeighsBins
 from avssl_pyro.guides.posterior_draws import PosteriorDraws, draw_log_likelihoods, prior_draws, replicate
 
 SECTORS = ("ahead", "left", "behind", "right")
@@ -51,7 +52,10 @@ class Uniformity:
 
 
 def quantities(model: nn.Module, x_fmt: Tensor, image_cij: Tensor, draws: PosteriorDraws) -> dict[str, Tensor]:
-    """Quantities to rank by name, (S,) each; none depends on the order of the classes."""
+    """Quantities to rank by name, (S,) each; none depends on the order of the classes.
+
+    Powers and sharpness are those of sound from directions, without the diffuse share of a model with a room.
+    """
     share_skd = draws.w_skd / draws.w_skd.sum(-1, keepdim=True)
     power_sd = (draws.pi_sk[..., None] * share_skd).sum(-2)
     azimuth_d = DirectionGrid(power_sd.shape[-1]).azimuths
@@ -77,10 +81,15 @@ def run_trials(
         seeds: seeds of the trials, one each.
 
     Raises:
-        InputError: the bin weight of the model is not 1, so that no data can be drawn from it.
+        InputError: bins of the model count other than once, so that no data can be drawn from it.
     """
     if (weight := getattr(model, "bin_weight", 1.0)) != 1:
         raise InputError(f"calibration: the model has bin_weight {weight}; data can be drawn from it only at 1.")
+    if isinstance(likelihood := getattr(model, "likelihood", None), WeighsBins):
+        raise InputError(
+            f"calibration: {likelihood} weighs bins and is no density that data could be drawn from; use "
+            "ProfiledGaussian, the density of every bin by itself."
+        )
     image_cij = torch.zeros(3, 1, 1, dtype=x_fmt.real.dtype)
     # The same noise in truth, data and draws would make them agree.
     of_truth, of_data, of_draws = zip(*(_apart(seed) for seed in seeds), strict=True)

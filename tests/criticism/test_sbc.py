@@ -11,6 +11,7 @@ from avssl_pyro.benchmarks.calibration import ToyModel
 from avssl_pyro.criticism.sbc import quantities, rank_histogram, run_trials, uniformity
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.posterior_draws import PosteriorDraws, prior_draws
+from avssl_pyro.models.likelihoods import PrecedenceGaussian
 from avssl_pyro.models.priors import LogNormalWeights, SymmetricDirichlet
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -87,10 +88,20 @@ def test_a_model_that_counts_bins_twice_is_refused() -> None:
         run_trials(model, {"any": from_the_prior}, TOY.spectrogram(), [0])
 
 
-def test_every_posterior_of_the_line_up_gives_its_draws() -> None:
-    quick = ToyModel(num_directions=4, num_bins=2, num_frames=4, draws=9, warmup=10, thinning=1)
+def test_a_model_that_weighs_bins_is_refused() -> None:
+    model = SpatialCGMM(TOY.steering_fdm, 2, likelihood=PrecedenceGaussian())
+    with pytest.raises(InputError, match=r"PrecedenceGaussian\(.*\) weighs bins .* use ProfiledGaussian"):
+        run_trials(model, {"any": from_the_prior}, TOY.spectrogram(), [0])
+
+
+@pytest.mark.parametrize("room", [False, True])
+def test_every_posterior_of_the_line_up_gives_its_draws(room: bool) -> None:
+    quick = ToyModel(num_directions=4, num_bins=2, num_frames=4, draws=9, warmup=10, thinning=1, room=room)
     x_bfmt = torch.randn(2, *quick.spectrogram().shape, dtype=torch.complex64)
     for name, sampler in quick.samplers(steps=3).items():
         for draws in sampler(x_bfmt, torch.zeros(2, 3, 1, 1), [0, 1]):
             assert draws.w_skd.shape == (9, 2, 4), name
             np.testing.assert_allclose(draws.pi_sk.sum(-1), 1.0, rtol=1e-5, err_msg=name)
+            assert (draws.e_skc is not None) == room
+    ranks = run_trials(quick.model(), quick.samplers(steps=3), quick.spectrogram(), [0])[0]
+    assert all(0 <= rank <= 9 for of_one in ranks.values() for rank in of_one.values())

@@ -19,9 +19,9 @@ from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.base import FixedGuide
 from avssl_pyro.guides.conjugacy import map_em_of
+from avssl_pyro.guides.diffuse_start import with_diffuse_start
 from avssl_pyro.guides.initializers import UninformedInitializer
-from avssl_pyro.guides.nuts import sample_posteriors
-from avssl_pyro.guides.refined import RefinedGuide, with_diffuse_start
+from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
 from avssl_pyro.models.likelihoods import Likelihood, PrecedenceGaussian, ProfiledGaussian
@@ -208,10 +208,3 @@ def test_components_are_free_and_templates_of_another_grid_are_refused() -> None
     assert SpatialCGMM(STEERING_FDM, K, room=room).template_dfmm.shape[0] == D + 1
     with pytest.raises(InputError, match="templates"):
         SpatialCGMM(STEERING_FDM[:, :-1], K, room=room)
-
-
-def test_nuts_refuses_what_it_would_leave_to_chance(x_bfmt: Tensor) -> None:
-    model = make_model(ProfiledGaussian())
-    start = RefinedGuide(UninformedInitializer(K, GRID).double(), model, RefinementConfig(rounds=1))
-    with pytest.raises(InputError, match="diffuse weights"):
-        sample_posteriors(start, model, x_bfmt, IMAGE_BCIJ)

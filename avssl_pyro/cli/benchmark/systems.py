@@ -181,6 +181,8 @@ class CalibrationOptions:
     """Folder of the results."""
     posteriors: tuple[str, ...] = ("refined", "mean field")
     """Any of: 'refined', 'mean field', 'low rank', 'NUTS'; the last two are slow."""
+    room: bool = False
+    """Whether every class of the small model has a share of diffuse sound, as in a room."""
     num_trials: int = 60
     """Number of scenes to draw; 200 are more conclusive."""
     batch_size: int = 20
@@ -204,7 +206,12 @@ def calibration(args: Sequence[str] | None = None) -> None:
     if unknown := [name for name in options.posteriors if name not in POSTERIORS]:
         raise InputError(f"--posteriors: there is no '{unknown[0]}'; choose from {', '.join(POSTERIORS)}.")
     report = run_calibration(
-        ToyModel(), options.posteriors, options.num_trials, options.batch_size, options.out, options.seed
+        ToyModel(room=options.room),
+        options.posteriors,
+        options.num_trials,
+        options.batch_size,
+        options.out,
+        options.seed,
     )
     report.write(options.out)
     report.table().print()

@@ -24,6 +24,11 @@ def test_it_prints_a_table_and_goes_on_where_it_stopped(tmp_path: Path, capsys: 
     assert len(list((tmp_path / "trials").iterdir())) == 2
 
 
+def test_the_small_model_may_have_a_room(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    calibration(["--out", str(tmp_path), "--posteriors", "refined", "--num-trials", "2", "--room"])
+    assert "log likelihood" in capsys.readouterr().out
+
+
 def test_an_unknown_posterior_and_no_trials_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there is no 'exact'; choose from refined"):
         calibration(["--out", str(tmp_path), "--posteriors", "exact"])
