@@ -13,3 +13,12 @@ class InputError(ValueError):
     ...     print(error)
     array 'circle7' is neither a preset (circle2, ...) nor a YAML file.
     """
+
+
+def name_of(part: object) -> str:
+    """Name of a function or class, or of an object's class, for messages; a ``repr`` may hold an address.
+
+    >>> name_of(InputError("no such file"))
+    'InputError'
+    """
+    return str(getattr(part, "__name__", type(part).__name__))

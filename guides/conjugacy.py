@@ -13,7 +13,7 @@ from avssl_pyro.distributions.e_step import DensityGenerator
 from avssl_pyro.distributions.log_weight_priors import LogWeightPrior
 from avssl_pyro.distributions.map_em import MapEM
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, observe
-from avssl_pyro.errors import InputError
+from avssl_pyro.errors import InputError, name_of
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
 
@@ -66,8 +66,8 @@ def check_map_em(model: SpatialCGMM) -> None:
     ):
         if not isinstance(part, protocol):
             raise InputError(
-                f"the {role} {part} has no '{method}', which closed-form refinement needs; add that method or use a "
-                "PerClipGuide, which needs gradients alone."
+                f"the {role} {name_of(part)} has no '{method}', which closed-form refinement needs; add that method or "
+                "use a PerClipGuide, which needs gradients alone."
             )
 
 

@@ -21,7 +21,7 @@ from torch import Size, Tensor
 from torch.distributions import constraints
 
 from avssl_pyro.distributions.profiled_gaussian import RELATIVE_POWER_FLOOR
-from avssl_pyro.errors import InputError
+from avssl_pyro.errors import InputError, name_of
 from avssl_pyro.models.likelihoods import ProfiledGaussian
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 
@@ -72,7 +72,7 @@ class ExplicitMaskCGMM(SpatialCGMM):
         if not isinstance(self.likelihood, ProfiledGaussian):
             raise InputError(
                 f"ExplicitMaskCGMM: bins are independent given their masks under ProfiledGaussian alone, not under "
-                f"{self.likelihood}; use SpatialCGMM, which has its masks summed out."
+                f"{name_of(self.likelihood)}; use SpatialCGMM, which has its masks summed out."
             )
         self.steering_pairs: Tensor
         self.register_buffer("steering_pairs", torch.view_as_real(steering_fdm), persistent=False)
