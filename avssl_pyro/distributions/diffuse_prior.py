@@ -32,15 +32,15 @@ class DirectionsAndDiffuse:
 
     @property
     def _diffuse(self) -> NormalLogWeights:
-        return NormalLogWeights(self.sigma)
+        return NormalLogWeights(self.sigma, self.mean)
 
     def log_density(self, log_w_bkd: Tensor) -> Tensor:
         w_bkd, e_bkc = self._split(log_w_bkd)
-        return self.directions.log_density(w_bkd) + self._diffuse.log_density(e_bkc - self.mean)
+        return self.directions.log_density(w_bkd) + self._diffuse.log_density(e_bkc)
 
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
         w_bkd, e_bkc = self._split(log_w_bkd)
-        return torch.cat([self.directions.gradient(w_bkd), self._diffuse.gradient(e_bkc - self.mean)], dim=-1)
+        return torch.cat([self.directions.gradient(w_bkd), self._diffuse.gradient(e_bkc)], dim=-1)
 
     def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:
         w_bkd, e_bkc = self._split(log_w_bkd)

@@ -61,21 +61,27 @@ class _Independent:
 
 @dataclass(frozen=True)
 class NormalLogWeights(_Independent):
-    """log w ~ N(0, sigma^2), Eq. (11)."""
+    """log w ~ N(mean, sigma^2), Eq. (11) with a mean of 0.
+
+    Args:
+        sigma: standard deviation of every log-weight.
+        mean: mean of log w, a number or broadcast against (B, K, D).
+    """
 
     sigma: float = 1.0
+    mean: Tensor | float = 0.0
 
     def log_density(self, log_w_bkd: Tensor) -> Tensor:
-        return -0.5 * (log_w_bkd / self.sigma).square().sum((-2, -1))
+        return -0.5 * ((log_w_bkd - self.mean) / self.sigma).square().sum((-2, -1))
 
     def gradient(self, log_w_bkd: Tensor) -> Tensor:
-        return -log_w_bkd / self.sigma**2
+        return (self.mean - log_w_bkd) / self.sigma**2
 
     def precision(self, log_w_bkd: Tensor, variance_bkd: Tensor | float = 0.0) -> Tensor:  # noqa: ARG002
         return torch.full_like(log_w_bkd, self.sigma**-2)
 
     def shift(self, log_w_bkd: Tensor) -> Tensor:
-        return -log_w_bkd.mean(-1, keepdim=True)
+        return (self.mean - log_w_bkd).mean(-1, keepdim=True)
 
 
 @dataclass(frozen=True)

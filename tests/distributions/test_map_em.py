@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pyro.distributions as dist
 import pytest
 import torch
 from torch import Tensor
@@ -66,9 +67,23 @@ def start() -> tuple[Tensor, Tensor]:
     return torch.randn(2, K, D, dtype=torch.float64), torch.full((2, K), 1 / K, dtype=torch.float64)
 
 
+class Ramp:
+    """A prior of a user's own: log w with a mean that falls from one end of the grid to the other."""
+
+    def mean(self, num_directions: int, like: Tensor) -> Tensor:
+        return torch.linspace(0.0, -4.0, num_directions).to(like)
+
+    def __call__(self, num_sources: int, num_directions: int, like: Tensor) -> dist.TorchDistribution:
+        return dist.LogNormal(self.mean(num_directions, like).expand(num_sources, -1), 1.0).to_event(2)
+
+    def of_log_weights(self, num_directions: int, like: Tensor) -> LogWeightPrior:
+        return NormalLogWeights(1.0, self.mean(num_directions, like))
+
+
 @pytest.mark.parametrize(
     "direction_prior",
     [
+        Ramp(),
         LogNormalWeights(1e6),
         LogNormalWeights(1.0),
         LogNormalWeights(0.1),
