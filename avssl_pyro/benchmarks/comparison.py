@@ -15,7 +15,7 @@ from tqdm import tqdm
 from avssl_pyro.benchmarks.result_tables import HEADLINE_TOLERANCE_DEG, ResultRow
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
-from avssl_pyro.evaluation.baselines import DEFAULT_BAND_HZ, PEAK_SETTINGS, default_baselines
+from avssl_pyro.evaluation.baselines import BASELINES, DEFAULT_BAND_HZ, PEAK_SETTINGS, default_baselines
 from avssl_pyro.evaluation.chance import CHANCE_ROWS, ChanceRow
 from avssl_pyro.evaluation.matching import Matching, gate_then_assign
 from avssl_pyro.evaluation.methods import SOURCE_SETTINGS, Method, PosteriorMethod, Tuned, tune
@@ -227,6 +227,7 @@ class MethodSuite:
             "without_audio": fingerprint(self.without_audio),
             "refinement": attrs.asdict(self.refinement),
             "blind_refinement": attrs.asdict(audio_only_refinement(self.refinement)),
+            "baselines": [baseline.name for baseline in BASELINES],
             "baseline_band_hz": list(self.baseline_band_hz),
             "source_settings": [asdict(setting) for setting in SOURCE_SETTINGS],
             "peak_settings": [asdict(setting) for setting in PEAK_SETTINGS],

@@ -9,23 +9,15 @@ from typing import Literal
 from rich.console import Console
 
 from avssl_pyro.atomic_file import write_atomically
+from avssl_pyro.evaluation.baselines import BASELINES
 from avssl_pyro.evaluation.tables import Column, Table, json_rows, print_tables
 
-# Chance first, then audio-only baselines, then trained methods from plain to refined; others follow as they come.
-METHOD_ORDER = (
-    "random",
-    "constant-count",
-    "srp-phat",
-    "music",
-    "norm-music",
-    "audio-only refined",
-    "no-audio-net",
-    "amortized",
-    "refined",
-)
+CHANCE = ("random", "constant-count")
+# From plain to refined.
+TRAINED = ("audio-only refined", "no-audio-net", "amortized", "refined")
 HEADLINE_TOLERANCE_DEG = 10.0
 GIVEN_THE_COUNT = frozenset({"random"})
-CHANCE_METHODS = frozenset({"random", "constant-count"})
+CHANCE_METHODS = frozenset(CHANCE)
 
 
 @dataclass(frozen=True)
@@ -132,9 +124,14 @@ class ScoreColumn:
         )
 
 
+def method_order() -> tuple[str, ...]:
+    """Names of the methods as tables list them: chance, the baselines registered by now, trained methods."""
+    return (*CHANCE, *(baseline.name for baseline in BASELINES), *TRAINED)
+
+
 def order_methods(names: Iterable[str]) -> list[str]:
-    """Distinct names in the order of the tables."""
-    known = {name: rank for rank, name in enumerate(METHOD_ORDER)}
+    """Distinct names in the order of the tables; unknown ones follow as they come."""
+    known = {name: rank for rank, name in enumerate(method_order())}
     return sorted(dict.fromkeys(names), key=lambda name: known.get(name, len(known)))
 
 

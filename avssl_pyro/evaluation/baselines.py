@@ -1,6 +1,7 @@
 """Audio-only baselines: spatial spectra over the grid, peaks of which are the sources.
 
-A new baseline is a subclass of :class:`Baseline` and one line in :data:`BASELINES`; it then stands in every table.
+A new baseline is a subclass of :class:`Baseline` appended to :data:`BASELINES`, here or in a script of the user's own;
+it then stands in every table.
 """
 
 from abc import ABC, abstractmethod

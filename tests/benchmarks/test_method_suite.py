@@ -8,8 +8,10 @@ from attrs import evolve
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft_config import StftConfig
+from avssl_pyro.benchmarks import comparison
 from avssl_pyro.benchmarks.comparison import MethodSuite, system_band_hz
-from avssl_pyro.benchmarks.result_tables import METHOD_ORDER
+from avssl_pyro.benchmarks.result_tables import method_order
+from avssl_pyro.evaluation.baselines import BASELINES, Music
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.systems.config import GuideConfig
 from avssl_pyro.systems.system import System, SystemConfig, build_system
@@ -28,14 +30,14 @@ def suite() -> MethodSuite:
 
 
 def test_every_row_of_the_tables_but_chance(suite: MethodSuite) -> None:
-    assert [method.name for method in suite.methods()] == list(METHOD_ORDER[2:])
+    assert [method.name for method in suite.methods()] == list(method_order()[2:])
 
 
 def test_without_an_audio_network_all_rows_are_there() -> None:
     """Refinement starts from the picture and from equal levels, so it does not miss the network."""
     system = small_system(audio_net=False)
     names = [method.name for method in MethodSuite(system, system, RefinementConfig()).methods()]
-    assert names == list(METHOD_ORDER[2:])
+    assert names == list(method_order()[2:])
 
 
 def test_the_baselines_search_the_band_they_are_told(suite: MethodSuite) -> None:
@@ -46,9 +48,12 @@ def test_the_baselines_search_the_band_they_are_told(suite: MethodSuite) -> None
         assert [method.freq_range_hz for method in given.methods()[:3]] == [expected] * 3  # type: ignore[attr-defined]
 
 
-def test_settings_tell_apart_whatever_changes_the_numbers(suite: MethodSuite) -> None:
+def test_settings_tell_apart_whatever_changes_the_numbers(suite: MethodSuite, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = suite.settings()
     assert replace(suite, workers=2).settings() == settings
+    monkeypatch.setattr(comparison, "BASELINES", [*BASELINES, Music])
+    assert suite.settings() != settings
+    monkeypatch.undo()
     for other in (
         replace(suite, refinement=evolve(suite.refinement, rounds=4)),
         replace(suite, baseline_band_hz=(200.0, 4000.0)),

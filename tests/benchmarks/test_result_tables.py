@@ -5,7 +5,9 @@ import pytest
 from result_rows import result_row
 from rich.console import Console
 
-from avssl_pyro.benchmarks.result_tables import print_report, write_report
+from avssl_pyro.benchmarks import result_tables
+from avssl_pyro.benchmarks.result_tables import order_methods, print_report, write_report
+from avssl_pyro.evaluation.baselines import BASELINES, Music
 
 KEYS = {
     *("condition", "microphones", "sources", "method", "tolerance_deg", "f_measure", "precision", "recall"),
@@ -52,6 +54,16 @@ def test_methods_go_from_trivial_to_refined_and_strangers_last(tmp_path):
     text = (tmp_path / "report.md").read_text(encoding="utf-8")
     places = [text.index(f"| {name} |") for name in ("random", "music", "amortized", "refined", "my-own")]
     assert places == sorted(places)
+
+
+def test_a_registered_baseline_stands_behind_the_others(monkeypatch):
+    class Mine(Music):
+        name = "my-own"
+
+    names = ["refined", "my-own", "strange", "norm-music", "random"]
+    assert order_methods(names) == ["random", "norm-music", "refined", "my-own", "strange"]
+    monkeypatch.setattr(result_tables, "BASELINES", [*BASELINES, Mine])
+    assert order_methods(names) == ["random", "norm-music", "my-own", "refined", "strange"]
 
 
 def test_the_headline_tolerance_is_shown_and_the_best_is_bold(tmp_path):
