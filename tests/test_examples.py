@@ -50,7 +50,7 @@ def test_the_first_sample_of_the_readme_runs(
     assert sample.startswith("import avssl_pyro as av\n")
     clip = SceneDataset(scene_folder, resolve_array("circle6"))[0]
     monkeypatch.chdir(tmp_path)
-    soundfile.write("clip.wav", clip.audio_mn.T, 16_000)
+    soundfile.write("clip.flac", clip.audio_mn.T, 16_000)
     cv2.imwrite("panorama.jpg", clip.image_ijc[..., ::-1])
     exec(compile(sample, "README.md", "exec"), {})
     assert "degrees, level" in capsys.readouterr().out

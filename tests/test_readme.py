@@ -1,7 +1,9 @@
 """Every command and every example of the README is run, in small, and those of docs/scaling.md are parsed."""
 
+import json
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import cv2
@@ -11,6 +13,7 @@ import pytest
 import soundfile
 import torch
 
+import avssl_pyro as av
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli import app, prepare, simulate, train
 from avssl_pyro.datasets.dataset import SceneDataset
@@ -86,14 +89,14 @@ def user_folder(tmp_path_factory: pytest.TempPathFactory, scene_folder: Path) ->
     clips = [SceneDataset(scene_folder, PRESETS["circle6"])[index] for index in range(3)]
     picture = cv2.cvtColor(clips[0].image_ijc, cv2.COLOR_RGB2BGR)
     cv2.imwrite(str(folder / "panorama.jpg"), picture)
-    soundfile.write(folder / "clip.wav", clips[0].audio_mn.T, 16_000)
+    soundfile.write(folder / "clip.flac", clips[0].audio_mn.T, 16_000)
     soundfile.write(folder / "clip4.wav", clips[0].audio_mn[:4].T, 16_000)
     (folder / "recordings").mkdir()
     soundfile.write(folder / "recordings" / "one.wav", clips[0].audio_mn[:4].T, 16_000)
     (folder / "recordings" / "labels.csv").write_text("file,azimuth_deg\none.wav,30\n")
     for name in ("labels.csv", "walk.csv"):
         (folder / name).write_text("0,0,0,30,0\n1,0,0,30,0\n")
-    (folder / "clips.csv").write_text("audio,image\nclip.wav,panorama.jpg\n")
+    (folder / "clips.csv").write_text("audio,image\nclip.flac,panorama.jpg\n")
     soundfile.write(folder / "walk.wav", np.concatenate([clip.audio_mn for clip in clips], axis=1).T, 16_000)
     video = cv2.VideoWriter(str(folder / "walk.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, (480, 240))
     for _ in range(30):
@@ -133,7 +136,7 @@ def test_a_command_of_the_readme_works(
         # The networks are those of the pretrained weights.
         smaller = {option: value for option, value in smaller.items() if not option.startswith("--guide")}
     if name == "simulate":
-        smaller = {**smaller, "--out": "few-scenes"}
+        smaller = {**smaller, "--out": f"few-{arguments[arguments.index('--out') + 1]}"}
     # The doctor's business is to find faults.
     codes = (0, 1) if name == "doctor" else (None, 0)
     assert app.main([*name.split(), *in_small(arguments, smaller)]) in codes
@@ -142,6 +145,17 @@ def test_a_command_of_the_readme_works(
 def test_every_command_is_in_the_readme() -> None:
     commands = {*app.COMMANDS, *(f"benchmark {name}" for name in app.BENCHMARKS)}
     assert commands - {"demo"} == {command[0] for command in README_COMMANDS}
+
+
+def test_the_clip_to_try_is_written_and_localized(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (block,) = re.findall(r"```sh\n(avssl simulate[^`]*tar -xf[^`]*)```", README)
+    simulation, extraction = block.splitlines()
+    app.main(shlex.split(simulation)[1:])
+    subprocess.run(extraction, shell=True, check=True)
+    truth = json.loads(Path("000000.json").read_text())["talker_azimuths_deg"]
+    sources = av.load("circle6").localize("clip.flac", "panorama.jpg").sources
+    assert sorted(source.azimuth_deg for source in sources) == pytest.approx(sorted(truth), abs=5)
 
 
 PYTHON_SAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
