@@ -12,6 +12,7 @@ import pyro
 import pytest
 import soundfile
 import torch
+from measured_room import write_room, write_speech
 
 import avssl_pyro as av
 from avssl_pyro.acoustics.presets import PRESETS
@@ -47,6 +48,7 @@ SMALLER: dict[str, dict[str, str]] = {
     "score": {},
     "simulate-recordings": {"--seconds": "4", "--width": "288", "--frame-rate": "5"},
     "benchmark recordings": {"--rounds": "3"},
+    "benchmark rooms": {"--num-clips": "1 1 3", "--workers": "1"},
     "benchmark tracking": {"--num-recordings": "1", "--talkers.seconds": "4"},
     "benchmark elbo": {"--seconds": "0.05", "--num-clips": "1", "--num-draws": "4"},
     "benchmark separation": {"--num-scenes": "1"},
@@ -78,7 +80,7 @@ def in_small(arguments: list[str], smaller: dict[str, str]) -> list[str]:
         if option in arguments:
             arguments[arguments.index(option) + 1] = value
         else:
-            arguments += [option, value]
+            arguments += [option, *value.split()]
     return arguments
 
 
@@ -94,6 +96,8 @@ def user_folder(tmp_path_factory: pytest.TempPathFactory, scene_folder: Path) ->
     (folder / "recordings").mkdir()
     soundfile.write(folder / "recordings" / "one.wav", clips[0].audio_mn[:4].T, 16_000)
     (folder / "recordings" / "labels.csv").write_text("file,azimuth_deg\none.wav,30\n")
+    write_room(folder / "responses", PRESETS["circle4"], range(0, 360, 45))
+    write_speech(folder / "speech")
     for name in ("labels.csv", "walk.csv"):
         (folder / name).write_text("0,0,0,30,0\n1,0,0,30,0\n")
     (folder / "clips.csv").write_text("audio,image\nclip.flac,panorama.jpg\n")

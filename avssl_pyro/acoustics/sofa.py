@@ -1,5 +1,6 @@
-"""Reader of the horizontal responses of an array in a SOFA file (AES69), with the library sofar."""
+"""Readers of the responses of an array in a SOFA file (AES69), with the library sofar."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,63 @@ def read_sofa(path: Path) -> MeasuredResponses:
         return _measured(_open(path))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class SofaImpulses:
+    """Impulse responses of all measurements of a file, with their directions.
+
+    Args:
+        azimuths_d: azimuths relative to the listener's view, (D',), radians, counter-clockwise.
+        elevations_d: elevations, (D',), radians.
+        impulse_dmn: impulse responses with the file's delays, (D', M, N).
+        sample_rate: sample rate of the responses in Hz.
+    """
+
+    azimuths_d: npt.NDArray[np.float64]
+    elevations_d: npt.NDArray[np.float64]
+    impulse_dmn: npt.NDArray[np.float64]
+    sample_rate: int
+
+
+def read_sofa_impulses(path: Path) -> SofaImpulses:
+    """Reads the impulse responses of every receiver to every source, of a room or not.
+
+    Raises:
+        InputError: the file cannot be read, has transfer functions, values that are not finite, fewer than two
+            receivers, or a sampling rate that is no whole number of Hz.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such SOFA file; give the path of one.")
+    try:
+        sofa = _open(path)
+        response_dmn = _responses(sofa)
+        if np.iscomplexobj(response_dmn):
+            raise InputError("it has transfer functions; give impulse responses (FIR).")
+        if not np.isfinite(response_dmn).all():
+            raise InputError("some of its responses are not finite numbers; export the measurement again.")
+        rate = float(_numbers(sofa, "Data_SamplingRate").flat[0])
+        if not (1 <= rate < np.inf and rate == int(rate)):
+            raise InputError(f"the sampling rate is {rate:g} Hz; give a positive whole number of Hz.")
+        count = len(response_dmn)
+        delay_dm = np.broadcast_to(_delays(sofa, response_dmn, count - 1)[:count], response_dmn.shape[:2])
+        return SofaImpulses(*_directions(sofa, count), _delayed(response_dmn, delay_dm), int(rate))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _delayed(impulse_dmn: npt.NDArray[Any], delay_dm: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Delays impulse responses by numbers of samples, which need not be whole."""
+    if not delay_dm.any():
+        return impulse_dmn
+    if not (np.isfinite(delay_dm).all() and delay_dm.min() >= 0):
+        raise InputError("'Data.Delay' has a negative value or no number; export the measurement again.")
+    size = impulse_dmn.shape[-1] + int(np.ceil(delay_dm.max()))
+    turns_dmn = delay_dm[..., None] * np.fft.rfftfreq(size)
+    delayed_dmn: npt.NDArray[np.float64] = np.fft.irfft(
+        np.fft.rfft(impulse_dmn, size) * np.exp(-2j * np.pi * turns_dmn), size
+    )
+    return delayed_dmn
 
 
 def _measured(sofa: Any) -> MeasuredResponses:
@@ -115,15 +173,20 @@ def _spectra_of_impulses(sofa: Any, impulse_dmn: npt.NDArray[Any], chosen: npt.N
     spectrum_dmn = scipy.signal.zoom_fft(
         impulse_dmn, [0.0, frequencies_n[-1]], m=count, fs=rate, endpoint=True, axis=-1
     )
-    delay_dm = np.atleast_2d(_numbers(sofa, "Data_Delay", default=np.zeros((1, impulse_dmn.shape[1]))))
-    rows = len(delay_dm)
-    if delay_dm.shape[1:] != impulse_dmn.shape[1:2] or 1 < rows <= chosen.max():
-        raise InputError(f"'Data.Delay' has the shape {delay_dm.shape}, which fits no response; export it again.")
+    delay_dm = _delays(sofa, impulse_dmn, int(chosen.max()))
     # The file has one row for all measurements, or one row each.
-    delay_dm = delay_dm if rows == 1 else delay_dm[chosen]
+    delay_dm = delay_dm if len(delay_dm) == 1 else delay_dm[chosen]
     turns_dmn = delay_dm[..., None] * frequencies_n / rate
     delayed_dmn: npt.NDArray[np.complex128] = spectrum_dmn * np.exp(-2j * np.pi * turns_dmn)
     return frequencies_n, delayed_dmn
+
+
+def _delays(sofa: Any, impulse_dmn: npt.NDArray[Any], last: int) -> npt.NDArray[np.float64]:
+    """Reads the delays of the receivers in samples, one row for all measurements or at least ``last`` + 1 rows."""
+    delay_dm = np.atleast_2d(_numbers(sofa, "Data_Delay", default=np.zeros((1, impulse_dmn.shape[1]))))
+    if delay_dm.shape[1:] != impulse_dmn.shape[1:2] or 1 < len(delay_dm) <= last:
+        raise InputError(f"'Data.Delay' has the shape {delay_dm.shape}, which fits no response; export it again.")
+    return delay_dm
 
 
 def _directions(sofa: Any, count: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

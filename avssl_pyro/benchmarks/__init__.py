@@ -13,6 +13,7 @@ __all__ = [
     "recording_scores",
     "recordings",
     "result_tables",
+    "rooms",
     "separation",
     "separation_methods",
     "speed",

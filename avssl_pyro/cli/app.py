@@ -66,6 +66,7 @@ BENCHMARKS = {
     "recordings": Command(
         "benchmark.recordings", "RecordingsOptions", "labelled recordings without pictures", "recordings"
     ),
+    "rooms": Command("benchmark.rooms", "RoomsOptions", "one, two and no talkers in measured rooms", "rooms"),
     "tracking": Command("benchmark.tracking", "TrackingOptions", "tracks and single windows", "tracking"),
     "separation": Command("benchmark.recordings", "SeparationOptions", "SI-SDR of separated sources", "separation"),
     "camera": Command("benchmark.recordings", "CameraOptions", "yaw and mirror of simulated cameras", "camera"),

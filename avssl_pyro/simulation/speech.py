@@ -92,7 +92,11 @@ class SpeechFolder(AssetFolder):
     plural: ClassVar[str] = "speech files"
 
     def draw(self, rng: np.random.Generator, num_samples: int) -> npt.NDArray[np.float32]:
-        path = self.paths[int(rng.integers(len(self.paths)))]
+        """Draws an excerpt of continuous speech of a random file, float32 (N,), 16 kHz, unit RMS."""
+        return self.draw_from(self.paths[int(rng.integers(len(self.paths)))], rng, num_samples)
+
+    def draw_from(self, path: Path, rng: np.random.Generator, num_samples: int) -> npt.NDArray[np.float32]:
+        """Draws an excerpt of one file of the folder; see :meth:`draw`."""
         # A long recording may be silent in one stretch; it is an error only if all stretches are silent.
         for attempt in range(STRETCHES_TRIED):
             excerpt_n = active_excerpt(read_stretch(path, num_samples / SAMPLE_RATE, rng), num_samples, rng)

@@ -2,6 +2,7 @@
 
 __all__ = [
     "recordings",
+    "rooms",
     "systems",
     "tracking",
 ]
