@@ -1,4 +1,4 @@
-"""Spatial covariances of sound in a room: talkers heard a little above and below them too, and fields from everywhere.
+"""Spatial covariances of sound in a room: directions with reflections from above and below, and diffuse fields.
 
 All have trace M at every frequency, as the templates of free field do, so that weights of all kinds compare.
 """

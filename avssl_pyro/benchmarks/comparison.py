@@ -106,7 +106,7 @@ def tune_and_decide(
     tuning_tolerance_deg: float = HEADLINE_TOLERANCE_DEG,
     chance: Sequence[ChanceRow] = CHANCE_ROWS,
 ) -> Runs:
-    """Tunes every method on its observations of validation scenes, and decides on those of test scenes.
+    """Tunes every method on its observations of validation scenes, and applies it to those of test scenes.
 
     Labels of the validation scenes choose the settings; those of the test scenes are passed to chance rows only.
     """

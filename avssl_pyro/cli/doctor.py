@@ -101,8 +101,8 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
 
     if options.video is not None and options.image is not None:
         raise InputError("give either --video or --image, not both.")
-    looks = system is not None or options.camera
-    if looks and options.video is None and options.image is None:
+    with_camera = system is not None or options.camera
+    if with_camera and options.video is None and options.image is None:
         raise InputError("to find out how the camera is turned, give --video or --image as well.")
     array = _array(options, system)
     recording = Recording.open(audio, options.video, options.alignment.of(array)).with_channels_of(array)
@@ -113,7 +113,7 @@ def _examine_files(audio: Path, options: DoctorOptions, system: System | None) -
         audio_file, video = recording.audio, recording.video
         findings += check_durations(audio_file.duration_s, audio_file.sample_rate, video.duration_s)
         findings += check_recording_lag(recording, video, progress=True)
-    if looks:
+    if with_camera:
         findings += _camera(options, system, array, spread_clips(recording, still_ijc))
     return findings
 
@@ -124,7 +124,7 @@ def _array(options: DoctorOptions, system: System | None) -> MicrophoneArray:
     if options.array is not None:
         return resolve_array(options.array)
     if system is None:
-        raise InputError("give --array, a preset or YAML file, or a checkpoint that knows its own.")
+        raise InputError("give --array, a preset or YAML file, or --checkpoint, whose array is the default.")
     return system.config.array
 
 

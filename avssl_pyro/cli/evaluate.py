@@ -135,6 +135,6 @@ def _scenes(options: EvaluateOptions, condition: str, split: "Split", array: "Mi
     num_scenes = options.num_validation_scenes if split is VALIDATION else options.num_test_scenes
     if options.sets is not None:
         if not options.sets.is_dir():
-            raise InputError(f"{options.sets}: no such folder; --sets wants one with '{condition}-{split.name}' in it.")
+            raise InputError(f"{options.sets}: no such folder; give one that contains '{condition}-{split.name}'.")
         folders = (options.sets / f"{condition}-{split.name}",)
     return open_scenes(folders, array, options.cache, split, condition, num_scenes)

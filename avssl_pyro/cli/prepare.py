@@ -111,7 +111,7 @@ def _array(options: PrepareOptions) -> MicrophoneArray:
     if options.array is not None:
         return resolve_array(options.array)
     if kind is not CollectionKind.STARSS23:
-        raise InputError("give --array: a preset or a YAML file that says where the microphones are.")
+        raise InputError("give --array: a preset, or a YAML file with the positions of the microphones.")
     return resolve_array(f"starss23-{options.format}")
 
 

@@ -50,7 +50,7 @@ def shard_problem(folder: Path, shard: ShardRecord, contents: bool = True) -> st
     found = path.stat().st_size
     if found != shard.num_bytes:
         state = "truncated" if found < shard.num_bytes else "altered"
-        return f"shard {path} is {state}: it has {found} bytes, the manifest says {shard.num_bytes}."
+        return f"shard {path} is {state}: it has {found} bytes, the manifest has {shard.num_bytes}."
     if contents and file_sha256(path) != shard.sha256:
         return f"shard {path} is altered: its SHA-256 is not the manifest's; delete it and make it again."
     return None

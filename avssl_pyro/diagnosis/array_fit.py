@@ -132,7 +132,7 @@ class ArrayFit:
         evidence_bft = (log_density_bftd + share_bd.log()[:, None, None]).logsumexp(-1)
         return Fit(evidence_bft.mean((1, 2)).double().numpy(), responsibility_bftd[..., :-1])
 
-    def residual(self, x_bftm: Tensor, steering_fdm: Tensor, heard: tuple[int, ...], longest_s: float) -> Residual:
+    def residual(self, x_bftm: Tensor, steering_fdm: Tensor, compared: tuple[int, ...], longest_s: float) -> Residual:
         """Returns the deviation of channels from their prediction by the others.
 
         The other channels alone determine the directions. The mean phase between channels and prediction, over all bins
@@ -141,15 +141,15 @@ class ArrayFit:
         Args:
             x_bftm: spectrogram of :meth:`spectrogram`.
             steering_fdm: steering vectors of :meth:`steering`.
-            heard: indices of the channels to compare, from 0.
+            compared: indices of the channels to compare, from 0.
             longest_s: longest delay of the search in seconds.
         """
-        others = [m for m in range(x_bftm.shape[-1]) if m not in heard]
+        others = [m for m in range(x_bftm.shape[-1]) if m not in compared]
         fit = self.fit(x_bftm[..., others], steering_fdm[..., others])
         predicted_bftd = x_bftm[..., others] @ steering_fdm[:, :, others].conj().transpose(-2, -1)
         # Both beams point to the same direction, so their phases differ only by delay and polarity.
-        heard_bftd = x_bftm[..., list(heard)] @ steering_fdm[:, :, list(heard)].conj().transpose(-2, -1)
-        cross_bftd = heard_bftd * predicted_bftd.conj()
+        compared_bftd = x_bftm[..., list(compared)] @ steering_fdm[:, :, list(compared)].conj().transpose(-2, -1)
+        cross_bftd = compared_bftd * predicted_bftd.conj()
         size_bftd = cross_bftd.abs().clamp_min(1e-20)
         weighted_bftd = fit.responsibility_bftd * cross_bftd / size_bftd
         cross_f = weighted_bftd.sum((0, 2, 3)).numpy()

@@ -168,10 +168,10 @@ class ArrayMatch:
         return delays
 
     def _residual(
-        self, audio_bmn: Audio, array: MicrophoneArray, heard: tuple[int, ...], longest_s: float | None = None
+        self, audio_bmn: Audio, array: MicrophoneArray, compared: tuple[int, ...], longest_s: float | None = None
     ) -> Residual:
         longest_s = float(longest_delays(array).max()) if longest_s is None else longest_s
-        return self._fit.residual(self._fit.spectrogram(audio_bmn), self._fit.steering(array), heard, longest_s)
+        return self._fit.residual(self._fit.spectrogram(audio_bmn), self._fit.steering(array), compared, longest_s)
 
 
 def _counts(factor: float) -> bool:
@@ -216,7 +216,7 @@ def check_array_match(audio_bmn: Audio, array: MicrophoneArray, names: Sequence[
     ]
     deaf = [names[channel] for channel in match.deaf()]
     if deaf:
-        found = f"{channels(deaf)} hears something else than the other channels"
+        found = f"{channels(deaf)} has another sound than the other channels"
         advice = "listen to it: noise, hum or an unplugged microphone"
         findings.append(Finding(CHECK, Severity.ERROR, found, SURE, advice))
     sound = "order, signs, delays and units of the channels fit the array"

@@ -31,7 +31,7 @@ def check_camera(
     """
     sounding = [clip for clip in clips if clip.audio_mn.any()]
     if len(sounding) < LEAST_CLIPS:
-        found = f"cannot tell how the camera is turned from {len(sounding)} clips: {LEAST_CLIPS} are needed"
+        found = f"the turn of the camera is undetermined from {len(sounding)} clips: {LEAST_CLIPS} are needed"
         return (Finding(CHECK, Severity.NOTE, found, 0.5, "give a longer recording"),)
     return judge(orientation_search(system).search(sounding, progress), system.config.array, given)
 
@@ -53,15 +53,15 @@ def judge(orientation: Orientation, array: MicrophoneArray, given: Turn = AS_IT_
         given: turn that was already applied to the pictures.
     """
     if is_mirror_blind(array):
-        found = "cannot tell whether the picture is mirrored or turned: both sides of this array sound alike"
+        found = "mirroring and turn of the picture are undetermined: both sides of this array sound alike"
         return (Finding(CHECK, Severity.NOTE, found, 1.0, "compare camera and array by eye"),)
     best, confidence = Turn(orientation.mirror, orientation.yaw_deg), orientation.yaw_confidence
     if confidence < LEAST_CONFIDENCE:
         rival = _turned(orientation.rival)
-        found = f"cannot tell how the camera is turned: {_turned(best)} fits best, but {rival} nearly as well"
+        found = f"the turn of the camera is undetermined: {_turned(best)} fits best, but {rival} nearly as well"
         advice = (
             "record a minute with somebody who walks around the array and talks (two who stand still sound right in a "
-            "mirrored picture too), or take a model that knows such pictures"
+            "mirrored picture too), or use a model trained on such pictures"
         )
         return (Finding(CHECK, Severity.NOTE, found, confidence, advice),)
     if not best.mirror and abs(best.yaw_deg) <= TOLERATED_DEG:

@@ -41,6 +41,6 @@ def examine(excerpts: Excerpts, array: MicrophoneArray) -> tuple[Finding, ...]:
         found = "fewer than two channels are left to compare"
         return (*findings, Finding("array", Severity.ERROR, found, 1.0, "mend the channels first"))
     loudest = np.argsort(-levels.power_bm[:, usable].mean(axis=1))[:EXCERPTS_TO_MATCH]
-    heard = excerpts.select(usable)
-    matching = check_array_match(heard.audio_bmn[np.sort(loudest)], array.select(tuple(usable)), heard.names)
+    compared = excerpts.select(usable)
+    matching = check_array_match(compared.audio_bmn[np.sort(loudest)], array.select(tuple(usable)), compared.names)
     return (*findings, *matching)

@@ -119,7 +119,7 @@ def _hidden_exchanges(array: MicrophoneArray) -> list[Finding]:
         return []
     names = [f"{first + 1}-{second + 1}" for first, second in hidden]
     shown = [*names[:6], f"{len(names) - 6} more"] if len(names) > 7 else names
-    found = f"an exchange of channels {listed(shown)} only mirrors the array: sound alone cannot tell it"
+    found = f"an exchange of channels {listed(shown)} only mirrors the array: sound alone does not show it"
     return [Finding(CHECK, Severity.NOTE, found, 1.0, "clap beside each microphone once and look which is loudest")]
 
 

@@ -44,7 +44,7 @@ RESAMPLES = 1000
 PICTURES_AT_ONCE = 16
 
 
-class Looks(Protocol):
+class DirectionGuide(Protocol):
     """Interface of a guide: posterior of the direction weights given the picture."""
 
     def log_weights(self, image_bcij: Tensor) -> tuple[Tensor, Tensor]: ...
@@ -96,7 +96,7 @@ class OrientationSearch:
     """Search for the yaw and mirroring of the pictures with the highest evidence.
 
     Args:
-        looks: guide of a trained system, in evaluation mode.
+        guide: guide of a trained system, in evaluation mode.
         template_dfmm: direction templates of the spectrogram's frequencies, complex (D, F, M, M).
         stft_config: configuration of the spectrogram.
         diffuse: diffuse share eps of the model.
@@ -104,9 +104,9 @@ class OrientationSearch:
     """
 
     def __init__(
-        self, looks: Looks, template_dfmm: Tensor, stft_config: StftConfig, diffuse: float, prior_sigma: float
+        self, guide: DirectionGuide, template_dfmm: Tensor, stft_config: StftConfig, diffuse: float, prior_sigma: float
     ) -> None:
-        self._looks = looks
+        self._guide = guide
         self._template_dfmm = template_dfmm[:, ::BIN_STEP].contiguous()
         self._stft = stft_config
         self._diffuse = diffuse
@@ -129,11 +129,11 @@ class OrientationSearch:
 
     def _evidence(self, observed: ObservedSpectrogram, image_bcij: Tensor, turns: Sequence[Turn]) -> Tensor:
         turned_hcij = torch.cat([turn_picture(image_bcij, turn) for turn in turns])
-        mu_hkd, _ = self._looks.log_weights(turned_hcij)
+        mu_hkd, _ = self._guide.log_weights(turned_hcij)
         prior = Normal(torch.zeros_like(mu_hkd), self._prior_sigma)
         # The likelihood is invariant to the scale of w, and the posterior's scale differs from the prior's.
         centred_hkd = mu_hkd - mu_hkd.mean(-1, keepdim=True)
-        divergence_h = kl_divergence(Normal(centred_hkd, self._looks.sigma(mu_hkd)), prior).sum((-2, -1))
+        divergence_h = kl_divergence(Normal(centred_hkd, self._guide.sigma(mu_hkd)), prior).sum((-2, -1))
         scm_hkfmm = spatial_covariance(mu_hkd.softmax(-1), self._template_dfmm, self._diffuse)
         density_hfkt = component_log_likelihood(observed, scm_hkfmm[:, None])[:, 0]
         log_pi_hk = torch.full(mu_hkd.shape[:-1], -float(np.log(mu_hkd.shape[1])))

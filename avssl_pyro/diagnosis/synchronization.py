@@ -15,7 +15,7 @@ from avssl_pyro.diagnosis.finding import Finding, Severity
 RATE = 50.0
 LONGEST_S = 3.0
 LEAST_SECONDS = 10.0
-# A peak is believed when it stands so many robust standard deviations above the other lags, this much above the next
+# A peak counts when it stands so many robust standard deviations above the other lags, this much above the next
 # peak, and when each half of the recording has it in the same place.
 LEAST_HEIGHT, LEAST_LEAD = 6.0, 1.3
 SAME_PLACE_S = 0.06
@@ -110,7 +110,7 @@ def check_lag(
     """
     lag = find_lag(energy_t, change_t)
     if not lag.clear:
-        found = "cannot tell whether sound and picture are in step: they have no clear onsets in common"
+        found = "the delay between sound and picture is undetermined: they have no clear onsets in common"
         return (
             Finding(
                 "audio-video offset", Severity.NOTE, found, 0.5, "clap three times in view of the camera to be sure"

@@ -1,4 +1,4 @@
-"""Precedence weights: what the decay of earlier frames explains says little of where a sound comes from.
+"""Precedence weights: bins that the decay of earlier frames explains count less.
 
 The ear localizes by onsets. With the power p of a bin, averaged over three neighbouring frequencies, and the
 reverberation r to be expected of the frames before,

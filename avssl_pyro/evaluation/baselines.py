@@ -141,7 +141,7 @@ class PyroomacousticsBaseline(Baseline):
     def spectrum(self, x_mft: npt.NDArray[np.complex128]) -> Spectrum:
         # A DOA object overwrites its own number of sources, so none is used twice; it also sorts its grid.
         doa = self.doa(
-            # Where there are no positions it wants some all the same; the steering vectors overrule them.
+            # It requires positions even where the array has none; the steering vectors overrule them.
             self.array.positions.T if len(self.array.positions) else np.zeros((3, len(x_mft))),
             self.stft_config.sample_rate,
             self.stft_config.window,

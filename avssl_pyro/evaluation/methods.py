@@ -1,4 +1,4 @@
-"""Localization methods as the evaluation sees them: an expensive observation, then a cheap, tunable decision."""
+"""Localization methods: an expensive observation, then a cheap decision with tunable settings."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -66,7 +66,7 @@ def tune(
 ) -> Tuned[SettingT]:
     """Chooses a setting by F-measure, then by count accuracy among the equally good.
 
-    Count accuracy alone would reward a method that always says two.
+    Count accuracy alone would reward a method that always finds two sources.
 
     Args:
         method: method to tune.

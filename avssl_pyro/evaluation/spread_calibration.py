@@ -136,7 +136,7 @@ def reliability(spread: SpreadErrors, max_bins: int = MAX_BINS) -> tuple[Reliabi
 
 
 def calibrate(validation: SpreadErrors, test: SpreadErrors) -> Calibration:
-    """Coverage on test scenes, as predicted and after the scale that validation scenes ask for."""
+    """Coverage on test scenes, as predicted and after scaling fitted on validation scenes."""
     scale = fit_scale(validation)
     return Calibration(
         sources=len(test.errors_p),

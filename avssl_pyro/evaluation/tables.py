@@ -1,4 +1,4 @@
-"""Tables of results: rows of any type, and columns that say how a row is shown."""
+"""Tables of results: rows of any type, and columns with names and formats."""
 
 import json
 import math

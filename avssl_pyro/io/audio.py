@@ -114,7 +114,7 @@ class AudioFile:
             raise _unreadable(self.path, error) from error
         if len(audio_nm) < count:
             raise InputError(
-                f"{self.path}: it ends at {(first + len(audio_nm)) / self.sample_rate:.3f} s, although its header says "
+                f"{self.path}: it ends at {(first + len(audio_nm)) / self.sample_rate:.3f} s, but its header has "
                 f"{self.duration_s:.3f} s; the file is truncated or damaged."
             )
         check_samples(audio_nm, self.path, first)

@@ -134,8 +134,8 @@ def labels_between(
     for row in rows:
         if first <= row.frame < first + count:
             tracks[row.class_index, row.source].append(math.radians(row.azimuth_deg))
-    heard = [circular_mean(azimuths) for azimuths in tracks.values() if 2 * len(azimuths) >= count]
-    return SceneLabels(merge_azimuths(heard, merged_deg))
+    active = [circular_mean(azimuths) for azimuths in tracks.values() if 2 * len(azimuths) >= count]
+    return SceneLabels(merge_azimuths(active, merged_deg))
 
 
 def merge_azimuths(azimuths: Iterable[float], merged_deg: float = MERGED_DEG) -> tuple[float, ...]:

@@ -102,7 +102,7 @@ def read_excerpts(path: Path, most: int = MOST_EXCERPTS) -> Excerpts:
                 file.seek(index * length)
                 block_nm = file.read(length, dtype="float32", always_2d=True)
                 if len(block_nm) < length:
-                    raise InputError(f"{path}: it ends before its header says; the file is truncated or damaged.")
+                    raise InputError(f"{path}: it is shorter than its header states; the file is truncated or damaged.")
                 check_samples(block_nm, path, index * length)
                 blocks.append(block_nm.T)
     except (soundfile.SoundFileError, RuntimeError) as error:

@@ -27,7 +27,7 @@ class Chain:
         steps: filtered windows from ``first`` on.
         shares_tnd: probabilities per window that detection n belongs to this source in direction d, (N, D).
         born_s: time of its first window in seconds.
-        heard_s: time of its last detection in seconds.
+        detected_s: time of its last detection in seconds.
         beside: index and time in seconds of the window since which an older chain is close, or None.
     """
 
@@ -35,7 +35,7 @@ class Chain:
     steps: list[Step]
     shares_tnd: list[npt.NDArray[np.float32]]
     born_s: float
-    heard_s: float
+    detected_s: float
     beside: tuple[int, float] | None = None
 
     @property
@@ -133,7 +133,7 @@ class MultiTargetFilter:
         share_nd = terms_nd / ratio_d
         chain.shares_tnd.append(share_nd.astype(np.float32))
         if (share_nd @ chain.belief.sounding_d).sum() > HEARD:
-            chain.heard_s = time_s
+            chain.detected_s = time_s
 
     def _merge(self, time_s: float) -> None:
         azimuths_k = np.array([chain.belief.direction(self.grid)[0] for chain in self.active])
@@ -152,6 +152,6 @@ class MultiTargetFilter:
 
     def _retire(self, time_s: float) -> None:
         for chain in list(self.active):
-            if chain.belief.presence < LEAST_PRESENCE or time_s - chain.heard_s > self.config.memory_s:
+            if chain.belief.presence < LEAST_PRESENCE or time_s - chain.detected_s > self.config.memory_s:
                 self.active.remove(chain)
                 self.ended.append(chain)

@@ -14,7 +14,7 @@ from avssl_pyro.tracking.tracker import (
     WindowDetections,
     add_window,
     check_windows,
-    heard_level,
+    detected_level,
 )
 
 
@@ -95,7 +95,7 @@ class OnlineTracker:
         *_, belief = smooth(chain.steps)
         if belief.presence < self.config.confirm or belief.sounding_d.sum() < self.config.sounding:
             return None
-        level = heard_level(window, chain.shares_tnd[0] @ belief.sounding_d)
+        level = detected_level(window, chain.shares_tnd[0] @ belief.sounding_d)
         if chain not in self._reported:
             self._reported[chain] = _ReportedSource(self._num_reported, level if np.isfinite(level) else 0.0)
             self._num_reported += 1

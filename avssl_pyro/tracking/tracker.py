@@ -189,18 +189,18 @@ def _track_of(chain: Chain, windows: Sequence[WindowDetections], config: Trackin
     for t, belief in zip(reversed(range(num)), smooth(chain.steps), strict=True):
         presence[t], sounding[t] = belief.presence, belief.sounding_d.sum()
         azimuths[t], stds[t] = belief.direction(grid)
-        levels[t] = heard_level(windows[chain.first + t], chain.shares_tnd[t] @ belief.sounding_d)
-    heard = np.flatnonzero(np.isfinite(levels))
+        levels[t] = detected_level(windows[chain.first + t], chain.shares_tnd[t] @ belief.sounding_d)
+    measured = np.flatnonzero(np.isfinite(levels))
     loud = np.flatnonzero(sounding >= config.sounding)
-    if presence[0] < config.confirm or not len(heard) or not len(loud):
+    if presence[0] < config.confirm or not len(measured) or not len(loud):
         return None
     end = int(loud[-1]) + 1
-    levels = np.interp(np.arange(num), heard, levels[heard])
+    levels = np.interp(np.arange(num), measured, levels[measured])
     times_s = np.array([windows[chain.first + t].time_s for t in range(num)])
     return times_s[:end], azimuths[:end], stds[:end], levels[:end], presence[:end], sounding[:end]
 
 
-def heard_level(window: WindowDetections, weight_n: npt.NDArray[np.floating]) -> float:
+def detected_level(window: WindowDetections, weight_n: npt.NDArray[np.floating]) -> float:
     """Returns the mean level of detections, weighted by their assignment to a source.
 
     Args:

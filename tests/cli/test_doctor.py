@@ -69,7 +69,7 @@ def test_a_checkpoint_judges_the_camera(scene_folder: Path, tmp_path: Path, caps
     (camera,) = [finding for finding in findings if finding["check"] == "camera"]
     # Untrained, it has seen nothing that could make it sure.
     assert camera["severity"] == "note"
-    assert "cannot tell" in camera["message"]
+    assert "undetermined" in camera["message"]
 
 
 def test_the_picture_of_a_video_is_compared_with_the_sound(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -125,7 +125,7 @@ def replaced_by_noise(raw_bmn: Raw) -> None:
         (a_little_late, "delays", "channel 3 comes 0.1"),
         (very_late, "delays", "channel 3 comes 50.0"),
         (two_devices, "delays", "channels 5 and 6 come"),
-        (replaced_by_noise, "array", "channel 3 hears something else than the other channels"),
+        (replaced_by_noise, "array", "channel 3 has another sound than the other channels"),
     ],
 )
 def test_damage_is_named_and_nothing_else(damage: Callable[[Raw], None], check: str, says: str, good: Good) -> None:
