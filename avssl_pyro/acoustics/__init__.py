@@ -2,6 +2,7 @@
 
 __all__ = [
     "array",
+    "channel_gains",
     "compatibility",
     "covariance",
     "grid",

@@ -55,6 +55,8 @@ class SteeringKind(Protocol):
     """The value of ``kind`` in the file."""
     has_delays: ClassVar[bool]
     """True if directions differ in the phase between channels, False if in level only."""
+    gains_are_free: ClassVar[bool]
+    """True if the model does not fix gains and signs of the channels, which are then the device's own."""
 
     @property
     def num_microphones(self) -> int | None:

@@ -6,11 +6,11 @@ from itertools import combinations
 import numpy as np
 import numpy.typing as npt
 
+from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.channel_gains import DEAD_DB, NAMED_DB, GainEstimator
 from avssl_pyro.diagnosis.finding import Finding, Severity, channels
 from avssl_pyro.recordings.excerpts import Excerpts
 
-DEAD_DB = -40.0
-UNEQUAL_DB = 6.0
 SILENT_DBFS = -75.0
 # Direct current counts from a thousandth of full scale, if it is also a tenth of the sound.
 LEAST_DIRECT, DIRECT_SHARE = 1e-3, 0.1
@@ -65,8 +65,13 @@ class ChannelLevels:
         return [m for m, below in enumerate(zero_m | (self.relative_db_m < DEAD_DB)) if below]
 
 
-def check_levels(excerpts: Excerpts) -> tuple[Finding, ...]:
-    """Checks for silence, dead channels, drop-outs, unequal gains and direct current."""
+def check_levels(excerpts: Excerpts, array: MicrophoneArray) -> tuple[Finding, ...]:
+    """Checks for silence, dead channels, drop-outs, unequal gains and direct current.
+
+    Args:
+        excerpts: excerpts of the recording, with the array's channels.
+        array: array, which decides whether gains are free.
+    """
     levels = ChannelLevels.of(excerpts)
     if not levels.loud_b.any():
         return (
@@ -78,7 +83,7 @@ def check_levels(excerpts: Excerpts) -> tuple[Finding, ...]:
                 "record again with more gain, or give the right file",
             ),
         )
-    findings = [*_dead(levels), *_dropping_out(levels), *_unequal(levels), *_direct(levels)]
+    findings = [*_dead(levels), *_dropping_out(levels), *_unequal(excerpts, levels, array), *_direct(levels)]
     return tuple(findings) or (Finding("levels", Severity.OK, "all channels sound about equally loud", 1.0),)
 
 
@@ -107,18 +112,22 @@ def _dropping_out(levels: ChannelLevels) -> list[Finding]:
     return findings
 
 
-def _unequal(levels: ChannelLevels) -> list[Finding]:
-    findings = []
-    for channel, level_db in enumerate(levels.relative_db_m):
-        if abs(level_db) > UNEQUAL_DB and channel not in levels.dead:
-            side = "louder" if level_db > 0 else "softer"
-            found = f"{channels([levels.names[channel]])} is {abs(level_db):.0f} dB {side} than the median channel"
-            # A talker close to a large array makes a few decibels; nothing makes twenty.
-            confidence = float(1 - 0.5 * np.exp((UNEQUAL_DB - abs(level_db)) / 3))
-            findings.append(
-                Finding("levels", Severity.WARNING, found, confidence, "set all gains alike, or scale the channel")
-            )
-    return findings
+def _unequal(excerpts: Excerpts, levels: ChannelLevels, array: MicrophoneArray) -> list[Finding]:
+    gains = GainEstimator(array).estimate(excerpts.audio_bmn)
+    # The level of a copy is that of a wrong routing, which has a finding of its own.
+    passed_over = {*levels.dead, *(second for _, second, _ in find_duplicates(excerpts))}
+    return [
+        Finding(
+            "levels",
+            Severity.WARNING,
+            gains.difference(channel, levels.names[channel]),
+            # A talker close to a large array makes two decibels; nothing makes twenty.
+            float(1 - 0.5 * np.exp((NAMED_DB - abs(gains.deviation_db_m[channel])) / 3)),
+            "set all gains alike; localization estimates the difference and undoes it",
+        )
+        for channel in gains.unequal
+        if channel not in passed_over
+    ]
 
 
 def _direct(levels: ChannelLevels) -> list[Finding]:

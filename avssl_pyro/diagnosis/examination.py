@@ -28,7 +28,7 @@ def examine(excerpts: Excerpts, array: MicrophoneArray) -> tuple[Finding, ...]:
             f"{array.num_microphones} microphones; give the array file of this recording."
         )
     levels = ChannelLevels.of(excerpts)
-    findings = [*check_geometry(array), *check_levels(excerpts)]
+    findings = [*check_geometry(array), *check_levels(excerpts, array)]
     if not levels.loud_b.any():
         return tuple(findings)
     findings += [*check_clipping(excerpts), *check_duplicates(excerpts)]

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from avssl_pyro.diagnosis.channels import check_clipping, clipped_runs
+from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.diagnosis.channels import check_clipping, check_levels, clipped_runs
 from avssl_pyro.diagnosis.finding import Severity
 from avssl_pyro.recordings.excerpts import Excerpts
 
@@ -25,3 +26,15 @@ def test_a_faint_recording_of_few_levels_is_not_clipped() -> None:
     steps_n = np.random.default_rng(0).integers(-3, 4, 16_000) / 32768
     (finding,) = check_clipping(Excerpts.of_blocks(steps_n.astype(np.float32)[None, None], 16_000))
     assert finding.severity == Severity.OK
+
+
+@pytest.mark.parametrize(("array", "named"), [("circle4", True), ("starss23-mic", True), ("starss23-foa", False)])
+def test_a_gain_is_named_only_where_the_steering_leaves_it_free(array: str, named: bool) -> None:
+    rng = np.random.default_rng(0)
+    sound_bmn = np.repeat(0.1 * rng.standard_normal((2, 1, 16_000)), 4, axis=1)
+    sound_bmn += 1e-3 * rng.standard_normal(sound_bmn.shape)
+    sound_bmn[:, 1] *= 1.6
+    (finding,) = check_levels(Excerpts.of_blocks(sound_bmn.astype(np.float32), 16_000), PRESETS[array])
+    assert (finding.severity == Severity.WARNING) == named
+    if named:
+        assert finding.message == "channel 2 is 4 dB louder than the others"

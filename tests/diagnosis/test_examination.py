@@ -115,7 +115,7 @@ def replaced_by_noise(raw_bmn: Raw) -> None:
     [
         (dead, "levels", "channel 3 is dead: constant throughout"),
         (faint, "levels", "dB below the others"),
-        (loud, "levels", "dB louder than the median channel"),
+        (loud, "levels", "channel 3 is 12 dB louder than the others"),
         (offset, "levels", "channel 3 carries direct current: its mean is +0.1000"),
         (interrupted, "levels", "channel 3 drops out: constant in 20% of the excerpts"),
         (clipped, "clipping", "channel 3 is clipped"),
