@@ -20,7 +20,7 @@ from avssl_pyro.cli import app, prepare, simulate, train
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.generation import generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
-from avssl_pyro.simulation.layout import SceneConfig
+from avssl_pyro.simulation.scene_config import SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.systems.checkpoint import save_checkpoint
 from avssl_pyro.systems.config import GuideConfig

@@ -9,9 +9,9 @@ from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.datasets.generation import SCENES_PER_SHARD, generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
 from avssl_pyro.simulation.panoramas import PanoramaFolder
 from avssl_pyro.simulation.people import PeopleFolder
+from avssl_pyro.simulation.scene_config import SCENE_CONFIGS
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.simulation.speech import SpeechFolder
 from avssl_pyro.simulation.synthetic.people import ProceduralPerson
@@ -23,7 +23,7 @@ def simulate(
     out: str | Path,
     scenes: int = 200,
     *,
-    condition: Literal["all-speak", "some-silent"] = "some-silent",
+    condition: Literal["all-speak", "some-silent", "wide"] = "some-silent",
     array: str | Path | MicrophoneArray = "circle246",
     seed: int = 0,
     speech: str | Path | None = None,
@@ -37,7 +37,7 @@ def simulate(
     Args:
         out: folder, made if it does not exist.
         scenes: number of scenes.
-        condition: "all-speak", or "some-silent" for scenes with people who do not speak.
+        condition: "all-speak", "some-silent" with people who do not speak, or "wide" with varied rooms and noise.
         array: microphones by preset, file or object; "circle246" can be read as circle2, circle4 or circle6 later.
         seed: seed of the scenes; the same seed gives the same bytes.
         speech, people, panoramas: folders of assets; assets made in code stand in for missing ones.
@@ -56,8 +56,8 @@ def simulate(
     ...     scenes[0].audio_mn.shape
     (4, 16000)
     """
-    if condition not in CONDITIONS:
-        raise InputError(f"simulate: condition is '{condition}'; give one of {', '.join(CONDITIONS)}.")
+    if condition not in SCENE_CONFIGS:
+        raise InputError(f"simulate: condition is '{condition}'; give one of {', '.join(SCENE_CONFIGS)}.")
     if scenes < 1 or seed < 0:
         raise InputError(
             f"simulate: scenes is {scenes} and seed {seed}; give at least 1 scene and a seed of at least 0."
@@ -66,7 +66,7 @@ def simulate(
         raise InputError(f"simulate: workers is {workers}; give at least 1, or -1 for one per core.")
     out = Path(out)
     simulator = SceneSimulator(
-        config=SceneConfig(condition=CONDITIONS[condition]),
+        config=SCENE_CONFIGS[condition],
         seed=seed,
         speech=ProceduralSpeech() if speech is None else SpeechFolder(Path(speech)),
         people=ProceduralPerson() if people is None else PeopleFolder(Path(people)),

@@ -20,9 +20,9 @@ from avssl_pyro.benchmarks.separation_methods import (
 from avssl_pyro.evaluation.metrics import Interval, bootstrap_mean
 from avssl_pyro.evaluation.separation_metrics import si_sdr
 from avssl_pyro.evaluation.tables import Column, Table
-from avssl_pyro.simulation.layout import SOME_SILENT, Condition, SceneConfig
 from avssl_pyro.simulation.panoramas import PanoramaSource
 from avssl_pyro.simulation.people import PersonSource
+from avssl_pyro.simulation.scene_config import SOME_SILENT, Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.simulation.speech import SpeechSource
 from avssl_pyro.systems.system import System

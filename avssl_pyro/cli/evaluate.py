@@ -48,7 +48,7 @@ class EvaluateOptions:
     """Instead of --sets, without --tables: folders of shards to tune thresholds on."""
     test_data: tuple[Path, ...] = ()
     """Instead of --sets, without --tables: folders of shards to score."""
-    condition: Literal["all-speak", "some-silent"] = "some-silent"
+    condition: Literal["all-speak", "some-silent", "wide"] = "some-silent"
     """Condition of the sets, as named in the report; --tables runs both."""
     cache: Path = Path("cache")
     """Folder of the default sets."""

@@ -32,8 +32,9 @@ class SimulateOptions:
     """Folder of the shards; on a cluster, one that all workers share."""
     num_scenes: int = 2000
     """Number of scenes."""
-    condition: Literal["all-speak", "some-silent"] = "some-silent"
-    """all-speak: two or three people, all of them talkers; some-silent: two to four people, two or three talkers."""
+    condition: Literal["all-speak", "some-silent", "wide"] = "some-silent"
+    """all-speak: two or three people, all of them talkers; some-silent: two to four people, two or three talkers; wide:
+    up to five people and four talkers in rooms of any size, with noise and inexact microphones, for training."""
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     array: str = "circle246"
     """Array to render: a preset or a YAML file. Shards of circle246 can be read as circle2, circle4 or circle6."""
@@ -94,11 +95,11 @@ def _verify(folder: Path) -> int:
 
 def _simulator(options: SimulateOptions) -> SceneSimulator:
     from avssl_pyro.acoustics.presets import resolve_array
-    from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
+    from avssl_pyro.simulation.scene_config import SCENE_CONFIGS
     from avssl_pyro.simulation.scenes import SceneSimulator
 
     return SceneSimulator(
-        config=SceneConfig(condition=CONDITIONS[options.condition]),
+        config=SCENE_CONFIGS[options.condition],
         seed=options.seed,
         speech=options.material.speech_source(),
         people=options.material.person_source(),

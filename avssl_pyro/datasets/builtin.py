@@ -10,7 +10,7 @@ from avssl_pyro.datasets.dataset import LabeledClips, SceneDataset
 from avssl_pyro.datasets.generation import GenerationPlan, generate
 from avssl_pyro.datasets.scene_plan import plan_scenes
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.layout import CONDITIONS, SceneConfig
+from avssl_pyro.simulation.scene_config import SCENE_CONFIGS
 from avssl_pyro.simulation.scenes import SceneSimulator
 
 
@@ -37,7 +37,7 @@ def default_dataset(
 
     If ``array`` is part of the union of the paper's circles, the union is rendered, so that its sub-arrays share files.
     """
-    simulator = SceneSimulator(replace(SceneConfig(), condition=CONDITIONS[condition]), seed=split.seed)
+    simulator = SceneSimulator(SCENE_CONFIGS[condition], seed=split.seed)
     name = f"{condition}-{split.name}-{num_scenes}"
     try:
         matching_channels(simulator.array, array, where="the default scenes")

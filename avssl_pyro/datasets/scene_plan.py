@@ -1,7 +1,6 @@
 """Generation plan of a scene simulator, with settings that are equal for equal data sets."""
 
 import hashlib
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ def plan_scenes(
     Assets are identified by the names and sizes of their files, so that their folder may be moved.
     """
     configuration = {
-        "scene": asdict(simulator.config),
+        "scene": simulator.config.to_dict(),
         "material": {
             "speech": asset_identity(simulator.speech),
             "people": asset_identity(simulator.people),

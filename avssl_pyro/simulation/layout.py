@@ -7,106 +7,16 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import wrap_angle
-from avssl_pyro.clip import CLIP_SAMPLES
 from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.compositing import PersonPosition
+from avssl_pyro.simulation.reverberation import RoomAcoustics
+from avssl_pyro.simulation.scene_config import MOUTH_HEIGHT, SceneConfig
 
-# Height of the mouth as a share of body height.
-MOUTH_HEIGHT = 0.92
 # Half width of a person, kept clear so that no head is hidden behind a nearer person.
 HALF_WIDTH_M = 0.3
 PLACING_ATTEMPTS = 1000
-
-
-@dataclass(frozen=True)
-class Condition:
-    """Numbers of people and of talkers in a scene, both drawn uniformly.
-
-    Args:
-        name: value of the command line option.
-        people: possible numbers of people.
-        talkers: possible numbers of talkers (never more than people); ``None`` if all speak.
-    """
-
-    name: str
-    people: tuple[int, ...]
-    talkers: tuple[int, ...] | None = None
-
-
-# The two conditions of Sec. IV.
-ALL_SPEAK = Condition("all-speak", people=(2, 3))
-SOME_SILENT = Condition("some-silent", people=(2, 3, 4), talkers=(2, 3))
-CONDITIONS: dict[str, Condition] = {condition.name: condition for condition in (ALL_SPEAK, SOME_SILENT)}
-
-
-@dataclass(frozen=True)
-class SceneConfig:
-    """Distribution of scenes; every range is uniform, and the defaults are those of Sec. IV.
-
-    Args:
-        condition: numbers of people and talkers.
-        level_range_db: power of each talker's reverberant image, averaged over microphones, relative to a reference.
-        snr_db: power of the mixture over that of the white Gaussian noise, which is independent between microphones.
-        rt60_range_s: reverberation time, seconds.
-        distance_range_m: distance of a person from the camera along the floor, metres.
-        height_range_m: height of a person, metres.
-        min_separation_deg: least angle between two people; greater next to a near person, see :func:`draw_layout`.
-        room_dims_m: length, width and height, metres; camera and array are over the middle of the floor.
-        camera_height_range_m: height of camera and array, which have the same position, metres.
-        peak_range_db: peak of the finished clip relative to full scale.
-        num_samples: length of the clip in samples at 16 kHz.
-
-    Raises:
-        InputError: the limits of a range are exchanged, or people would stand outside the room.
-    """
-
-    condition: Condition = SOME_SILENT
-    level_range_db: tuple[float, float] = (-2.5, 2.5)
-    snr_db: float = 20.0
-    rt60_range_s: tuple[float, float] = (0.2, 0.4)
-    distance_range_m: tuple[float, float] = (0.5, 2.0)
-    height_range_m: tuple[float, float] = (1.5, 1.9)
-    min_separation_deg: float = 20.0
-    room_dims_m: tuple[float, float, float] = (5.0, 5.0, 3.0)
-    camera_height_range_m: tuple[float, float] = (1.2, 1.5)
-    peak_range_db: tuple[float, float] = (-12.0, -1.0)
-    num_samples: int = CLIP_SAMPLES
-
-    def __post_init__(self) -> None:
-        for name, (low, high) in {
-            "level_range_db": self.level_range_db,
-            "rt60_range_s": self.rt60_range_s,
-            "distance_range_m": self.distance_range_m,
-            "height_range_m": self.height_range_m,
-            "camera_height_range_m": self.camera_height_range_m,
-            "peak_range_db": self.peak_range_db,
-        }.items():
-            if not low <= high:
-                raise InputError(f"{name} is ({low:g}, {high:g}); the first number must not exceed the second.")
-        if self.distance_range_m[0] <= 0.2 or self.distance_range_m[1] >= min(self.room_dims_m[:2]) / 2:
-            raise InputError(
-                f"distance_range_m is {self.distance_range_m}; people must stand more than 0.2 m from the camera and "
-                f"inside the room, nearer than {min(self.room_dims_m[:2]) / 2:g} m."
-            )
-        if max(self.height_range_m[1], self.camera_height_range_m[1]) >= self.room_dims_m[2]:
-            raise InputError(f"people and camera must be lower than the room, {self.room_dims_m[2]:g} m.")
-        if self.rt60_range_s[0] < 0.1:
-            raise InputError(f"rt60_range_s starts at {self.rt60_range_s[0]:g} s; at least 0.1 s is possible here.")
-        if self.peak_range_db[1] >= 0.0:
-            raise InputError(f"peak_range_db ends at {self.peak_range_db[1]:g} dB; it must stay below full scale, 0.")
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> "SceneConfig":
-        """Builds a configuration from the values of ``asdict`` after a round trip through JSON."""
-        values: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value for name, value in data.items()
-        }
-        condition = values["condition"]
-        talkers = condition["talkers"]
-        values["condition"] = Condition(
-            condition["name"], tuple(condition["people"]), None if talkers is None else tuple(talkers)
-        )
-        return cls(**values)
+# In rooms of random size: attempts for each person, before another room is drawn.
+ATTEMPTS_PER_PERSON = 30
 
 
 @dataclass(frozen=True)
@@ -157,16 +67,39 @@ class Layout:
         rt60_s: reverberation time, seconds.
         camera_height_m: height of camera and array above the floor, metres.
         room_yaw: azimuth of the room's x axis in the camera's coordinates, radians.
+        room_dims_m: length, width and height of the room, metres.
+        camera_floor_m: place of the camera along length and width, metres from a corner; None is the middle.
     """
 
     people: tuple[PersonMetadata, ...]
     rt60_s: float
     camera_height_m: float
     room_yaw: float
+    room_dims_m: tuple[float, float, float]
+    camera_floor_m: tuple[float, float] | None = None
 
     @property
     def talkers(self) -> tuple[PersonMetadata, ...]:
         return tuple(person for person in self.people if person.speaks)
+
+    @property
+    def room(self) -> RoomAcoustics:
+        """The room with the array, which is at the camera's position."""
+        return RoomAcoustics(self.room_dims_m, self.rt60_s, self.camera_height_m, self.room_yaw, self.camera_floor_m)
+
+    @property
+    def talker_positions_sx(self) -> npt.NDArray[np.float64]:
+        """Positions of the talkers' mouths in the camera's coordinates, (S, 3), metres."""
+        return np.array(
+            [
+                (
+                    person.distance_m * np.cos(person.azimuth),
+                    person.distance_m * np.sin(person.azimuth),
+                    person.mouth_height_m - self.camera_height_m,
+                )
+                for person in self.talkers
+            ]
+        ).reshape(-1, 3)
 
     def without_people(self) -> "Layout":
         """Returns the same room without people."""
@@ -188,16 +121,11 @@ def draw_layout(config: SceneConfig, rng: np.random.Generator) -> Layout:
     else:
         num_talkers = int(rng.choice([count for count in config.condition.talkers if count <= num_people]))
     camera_height_m = float(rng.uniform(*config.camera_height_range_m))
-    for _ in range(PLACING_ATTEMPTS):
-        azimuths_p = rng.uniform(-np.pi, np.pi, num_people)
-        distances_p = rng.uniform(*config.distance_range_m, num_people)
-        if _stand_apart(azimuths_p, distances_p, np.deg2rad(config.min_separation_deg)):
-            break
+    if config.room is None:
+        places = _around_the_middle(config, num_people, rng)
     else:
-        raise InputError(
-            f"{num_people} people do not fit around the camera {config.min_separation_deg:g} degrees apart; "
-            "lower min_separation_deg."
-        )
+        places = _in_a_random_room(config, num_people, camera_height_m, rng)
+    azimuths_p, distances_p = places.azimuths_p, places.distances_p
     talkers = set(rng.permutation(num_people)[:num_talkers].tolist())
     people = []
     for person in range(num_people):
@@ -219,7 +147,63 @@ def draw_layout(config: SceneConfig, rng: np.random.Generator) -> Layout:
         people=tuple(people),
         rt60_s=float(rng.uniform(*config.rt60_range_s)),
         camera_height_m=camera_height_m,
-        room_yaw=float(rng.uniform(-np.pi, np.pi)),
+        room_yaw=float(rng.uniform(-np.pi, np.pi)) if places.room_yaw is None else places.room_yaw,
+        room_dims_m=places.room_dims_m,
+        camera_floor_m=places.camera_floor_m,
+    )
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Places of P people around the camera, and the room; its yaw may be any."""
+
+    azimuths_p: npt.NDArray[np.float64]
+    distances_p: npt.NDArray[np.float64]
+    room_dims_m: tuple[float, float, float]
+    camera_floor_m: tuple[float, float] | None = None
+    room_yaw: float | None = None
+
+
+def _around_the_middle(config: SceneConfig, num_people: int, rng: np.random.Generator) -> _Places:
+    for _ in range(PLACING_ATTEMPTS):
+        azimuths_p = rng.uniform(-np.pi, np.pi, num_people)
+        distances_p = rng.uniform(*config.distance_range_m, num_people)
+        if _stand_apart(azimuths_p, distances_p, np.deg2rad(config.min_separation_deg)):
+            return _Places(azimuths_p, distances_p, config.room_dims_m)
+    raise _too_crowded(config, num_people)
+
+
+def _in_a_random_room(
+    config: SceneConfig, num_people: int, camera_height_m: float, rng: np.random.Generator
+) -> _Places:
+    """Places people one after the other inside a random room, or in another room where they do not fit."""
+    assert config.room is not None
+    steepest_m = max(abs(mouth_m - camera_height_m) for mouth_m in config.mouth_range_m)
+    nearest = max(config.distance_range_m[0], steepest_m / np.tan(np.deg2rad(config.max_elevation_deg)))
+    for _ in range(PLACING_ATTEMPTS):
+        dims_m, floor_m = config.room.draw(rng)
+        room = RoomAcoustics(dims_m, room_yaw=float(rng.uniform(-np.pi, np.pi)), array_floor_m=floor_m)
+        azimuths_p, distances_p = np.zeros(0), np.zeros(0)
+        for _ in range(num_people * ATTEMPTS_PER_PERSON):
+            if len(azimuths_p) == num_people:
+                break
+            azimuth, distance = rng.uniform(-np.pi, np.pi), rng.uniform(nearest, config.distance_range_m[1])
+            x, y, _z = (
+                room.to_room @ (distance * np.cos(azimuth), distance * np.sin(azimuth), 0.0) + room.array_position
+            )
+            inside = all(HALF_WIDTH_M <= a <= side - HALF_WIDTH_M for a, side in zip((x, y), dims_m, strict=False))
+            with_azimuth_p, with_distance_p = np.append(azimuths_p, azimuth), np.append(distances_p, distance)
+            if inside and _stand_apart(with_azimuth_p, with_distance_p, np.deg2rad(config.min_separation_deg)):
+                azimuths_p, distances_p = with_azimuth_p, with_distance_p
+        if len(azimuths_p) == num_people:
+            return _Places(azimuths_p, distances_p, dims_m, floor_m, room.room_yaw)
+    raise _too_crowded(config, num_people)
+
+
+def _too_crowded(config: SceneConfig, num_people: int) -> InputError:
+    return InputError(
+        f"{num_people} people do not fit around the camera {config.min_separation_deg:g} degrees apart; "
+        "lower min_separation_deg."
     )
 
 

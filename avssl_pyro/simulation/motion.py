@@ -8,8 +8,8 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.layout import MOUTH_HEIGHT, SceneConfig
 from avssl_pyro.simulation.reverberation import RoomAcoustics
+from avssl_pyro.simulation.scene_config import MOUTH_HEIGHT, SceneConfig
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -33,6 +33,20 @@ class PanoramaSource(Protocol):
 
         The panorama is a full sphere (width twice the height), or has elevations -55 to 55 degrees alone (88 x 288
         pixels or a multiple). A source of photographs ignores the height of the camera.
+        """
+        ...
+
+
+@runtime_checkable
+class RoomShapedPanoramas(PanoramaSource, Protocol):
+    """A source of panoramas that can show a room of given size; photographs cannot."""
+
+    def in_room(self, dims_m: tuple[float, float, float], camera_floor_m: tuple[float, float]) -> PanoramaSource:
+        """Returns a source of rooms of this size.
+
+        Args:
+            dims_m: length, width and height, metres.
+            camera_floor_m: place of the camera along length and width, metres from a corner.
         """
         ...
 

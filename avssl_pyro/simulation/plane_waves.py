@@ -26,6 +26,15 @@ MARGIN_SAMPLES = 32
 FADE_FROM_HZ = 7000.0
 
 
+def sphere_lattice(num_directions: int) -> npt.NDArray[np.float64]:
+    """Returns unit vectors of a Fibonacci lattice on the sphere, (D, 3)."""
+    number_d = np.arange(num_directions)
+    z_d = 1 - (2 * number_d + 1) / num_directions
+    turn_d = number_d * np.pi * (3 - 5**0.5)
+    flat_d = np.sqrt(1 - z_d**2)
+    return np.stack([flat_d * np.cos(turn_d), flat_d * np.sin(turn_d), z_d], axis=-1)
+
+
 @dataclass(frozen=True)
 class PlaneWaves:
     """K plane waves at the origin of an array; the first is the direct sound.
@@ -62,12 +71,7 @@ class PlaneWaveReceiver:
 
     @cached_property
     def _directions(self) -> npt.NDArray[np.float64]:
-        """Unit vectors of a Fibonacci lattice on the sphere, (D, 3)."""
-        number_d = np.arange(NUM_DIRECTIONS)
-        z_d = 1 - (2 * number_d + 1) / NUM_DIRECTIONS
-        turn_d = number_d * np.pi * (3 - 5**0.5)
-        flat_d = np.sqrt(1 - z_d**2)
-        return np.stack([flat_d * np.cos(turn_d), flat_d * np.sin(turn_d), z_d], axis=-1)
+        return sphere_lattice(NUM_DIRECTIONS)
 
     @cached_property
     def _tree(self) -> cKDTree:

@@ -34,19 +34,33 @@ _CONSTANTS_LOCK = Lock()
 
 @dataclass(frozen=True)
 class RoomAcoustics:
-    """A room with an array over the middle of its floor.
+    """A room with an array, over the middle of its floor by default.
 
     Args:
         dims_m: length, width and height, metres.
         rt60_s: reverberation time, seconds.
         array_height_m: height of the array's origin above the floor, metres.
         room_yaw: azimuth of the room's x axis in the array's coordinates, radians.
+        array_floor_m: place of the array along length and width, metres from a corner; None is the middle.
     """
 
     dims_m: tuple[float, float, float] = (5.0, 5.0, 3.0)
     rt60_s: float = 0.2
     array_height_m: float = 1.5
     room_yaw: float = 0.0
+    array_floor_m: tuple[float, float] | None = None
+
+    @property
+    def array_position(self) -> npt.NDArray[np.float64]:
+        """Position of the array's origin in the room, (3,), metres from a corner of the floor."""
+        x, y = self.array_floor_m or (self.dims_m[0] / 2, self.dims_m[1] / 2)
+        return np.array([x, y, self.array_height_m])
+
+    @property
+    def to_room(self) -> npt.NDArray[np.float64]:
+        """Rotation from the array's coordinates to those of the room, (3, 3)."""
+        cos, sin = np.cos(self.room_yaw), np.sin(self.room_yaw)
+        return np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
 
 
 def truncation_order(rt60_s: float) -> int:
@@ -72,9 +86,10 @@ def room_responses(
     height_m: float,
     room_yaw: float,
     rt60_s: float,
+    array_floor_m: tuple[float, float] | None = None,
     max_order: int | None = None,
 ) -> npt.NDArray[np.float32]:
-    """Computes the responses from each source to each microphone of an array over the middle of the floor.
+    """Computes the responses from each source to each microphone of an array in a room.
 
     For free-field arrays the image method runs per microphone. For other arrays each reflection is a plane wave, see
     :mod:`avssl_pyro.simulation.plane_waves`.
@@ -86,6 +101,7 @@ def room_responses(
         height_m: height of the array's origin above the floor, metres.
         room_yaw: azimuth of the room's x axis in the array's coordinates, radians.
         rt60_s: reverberation time, seconds. Sabine's formula gives one absorption for all walls and frequencies.
+        array_floor_m: place of the array along length and width, metres from a corner; None is the middle.
         max_order: highest reflection order, :func:`truncation_order` by default; 0 gives the direct path alone.
 
     Returns:
@@ -100,14 +116,13 @@ def room_responses(
     order = truncation_order(rt60_s) if max_order is None else max_order
     room = pra.ShoeBox(room_dims_m, fs=SAMPLE_RATE, materials=pra.Material(absorption), max_order=order)
     room.set_sound_speed(array.speed_of_sound)
-    centre = np.array([room_dims_m[0] / 2, room_dims_m[1] / 2, height_m])
-    cos, sin = np.cos(room_yaw), np.sin(room_yaw)
-    to_room = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    acoustics = RoomAcoustics(room_dims_m, rt60_s, height_m, room_yaw, array_floor_m)
+    centre, to_room = acoustics.array_position, acoustics.to_room
     is_open = array.steering == FreeFieldKind()
     room.add_microphone_array((array.positions @ to_room.T + centre).T if is_open else centre[:, None])
     for position in sources_sx @ to_room.T + centre:
         room.add_source(position)
-    per_source = _at_points(room) if is_open else _at_receiver(room, _receiver(array), centre, to_room)
+    per_source = _at_points(room) if is_open else _at_receiver(room, plane_wave_receiver(array), centre, to_room)
     longest = max((response_ml.shape[1] for response_ml in per_source), default=0)
     responses_sml = np.zeros((len(sources_sx), array.num_microphones, longest), dtype=np.float32)
     for s, response_ml in enumerate(per_source):
@@ -148,7 +163,8 @@ def _at_receiver(
 
 # The next scene reuses the table of responses.
 @lru_cache(maxsize=2)
-def _receiver(array: MicrophoneArray) -> PlaneWaveReceiver:
+def plane_wave_receiver(array: MicrophoneArray) -> PlaneWaveReceiver:
+    """Returns the receiver of an array; its table of responses is computed once."""
     return PlaneWaveReceiver(array)
 
 

@@ -96,7 +96,7 @@ class TrainingConfig:
     """Folder of the default set."""
     num_scenes: int = 3000
     """Number of scenes in the default set."""
-    condition: Literal["all-speak", "some-silent"] = "some-silent"
+    condition: Literal["all-speak", "some-silent", "wide"] = "some-silent"
     """Condition of the default set."""
     array: str = "circle6"
     """Microphone array: a preset (docs/arrays.md), a YAML file, or "data" for the array of the clips in --data."""

@@ -20,7 +20,7 @@ from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import ClipPosterior, SourceThresholds
 from avssl_pyro.separation.beamforming import Masking, WienerFilter
 from avssl_pyro.separation.separator import Separator
-from avssl_pyro.simulation.layout import Condition, SceneConfig
+from avssl_pyro.simulation.scene_config import Condition, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.systems.config import GuideConfig
 from avssl_pyro.systems.system import SystemConfig, build_system

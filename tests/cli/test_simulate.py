@@ -12,7 +12,7 @@ import pytest
 from avssl_pyro.cli.simulate import SimulateOptions, main
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.layout import CONDITIONS
+from avssl_pyro.simulation.scene_config import SCENE_CONFIGS
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "simulate.py"
 
@@ -87,7 +87,7 @@ def test_another_condition_in_the_same_folder_is_refused(folder: Path) -> None:
 
 
 def test_every_condition_can_be_asked_for() -> None:
-    assert set(get_args(get_type_hints(SimulateOptions)["condition"])) == set(CONDITIONS)
+    assert set(get_args(get_type_hints(SimulateOptions)["condition"])) == set(SCENE_CONFIGS)
 
 
 def test_a_dask_scheduler_makes_the_same_scenes(folder: Path, tmp_path: Path) -> None:

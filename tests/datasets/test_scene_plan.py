@@ -14,8 +14,8 @@ from avssl_pyro.datasets.builtin import ensure_dataset
 from avssl_pyro.datasets.generation import generate
 from avssl_pyro.datasets.scene_plan import asset_identity, plan_scenes
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.layout import ALL_SPEAK, SceneConfig
 from avssl_pyro.simulation.people import PeopleFolder
+from avssl_pyro.simulation.scene_config import ALL_SPEAK, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator
 
 SIMULATOR = SceneSimulator(SceneConfig(num_samples=4000), seed=5)

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.layout import ALL_SPEAK, SOME_SILENT, Condition, SceneConfig, draw_layout
+from avssl_pyro.simulation.layout import draw_layout
+from avssl_pyro.simulation.scene_config import ALL_SPEAK, SOME_SILENT, Condition, SceneConfig
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([ALL_SPEAK, SOME_SILENT]))

@@ -14,7 +14,6 @@ from avssl_pyro.evaluation.baselines import default_baselines
 from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.io.dcase import azimuths_by_frame
 from avssl_pyro.simulation.dialogue import dialogue_labels, draw_dialogue, render_dialogue
-from avssl_pyro.simulation.layout import SceneConfig
 from avssl_pyro.simulation.motion import (
     MovingPeople,
     MovingPeopleConfig,
@@ -24,6 +23,7 @@ from avssl_pyro.simulation.motion import (
 )
 from avssl_pyro.simulation.moving_source import MotionResolution, RoomAcoustics
 from avssl_pyro.simulation.recordings import Camera, PanoramaVideo, RecordingSimulator
+from avssl_pyro.simulation.scene_config import SceneConfig
 from avssl_pyro.simulation.synthetic.people import ProceduralPerson
 from avssl_pyro.simulation.synthetic.rooms import ProceduralRoom
 from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech

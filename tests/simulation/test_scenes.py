@@ -13,9 +13,9 @@ from joblib import Parallel, delayed
 
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.layout import ALL_SPEAK, SceneConfig
 from avssl_pyro.simulation.panoramas import PanoramaFolder
 from avssl_pyro.simulation.people import PeopleFolder
+from avssl_pyro.simulation.scene_config import ALL_SPEAK, SceneConfig
 from avssl_pyro.simulation.scenes import SceneSimulator, SimulatedScene
 from avssl_pyro.simulation.speech import SpeechFolder
 

@@ -1,6 +1,6 @@
 """Synthetic rooms: furnished box rooms drawn in code, as equirectangular panoramas."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -32,13 +32,15 @@ class Cuboid:
 
 @dataclass(frozen=True)
 class ProceduralRoom:
-    """Box rooms with windows, doors, pictures, rugs and furniture along the walls; the camera is in the middle.
+    """Box rooms with windows, doors, pictures, rugs and furniture along the walls.
 
     Args:
         dims_m: length, width and height, metres.
+        camera_m: place of the camera relative to the middle of the floor, along length and width, metres.
     """
 
     dims_m: tuple[float, float, float] = (5.0, 5.0, 3.0)
+    camera_m: tuple[float, float] = (0.0, 0.0)
 
     @property
     def name(self) -> str:
@@ -46,6 +48,19 @@ class ProceduralRoom:
 
     def describe(self) -> str:
         return "furnished box rooms drawn in code"
+
+    def in_room(self, dims_m: tuple[float, float, float], camera_floor_m: tuple[float, float]) -> "ProceduralRoom":
+        return replace(
+            self,
+            dims_m=dims_m,
+            camera_m=(camera_floor_m[0] - dims_m[0] / 2, camera_floor_m[1] - dims_m[1] / 2),
+        )
+
+    @property
+    def _wall_distances(self) -> npt.NDArray[np.float32]:
+        """Distances of the camera from the walls +x, +y, -x and -y, metres."""
+        (length, width, _), (x, y) = self.dims_m, self.camera_m
+        return np.array([length / 2 - x, width / 2 - y, length / 2 + x, width / 2 + y], dtype=np.float32)
 
     def draw(self, rng: np.random.Generator, camera_height_m: float) -> npt.NDArray[np.uint8]:
         rays = _rays()
@@ -73,18 +88,19 @@ class ProceduralRoom:
         return np.concatenate(padded), tops
 
     def _hit(self, rays: "Rays", camera_height_m: float) -> "Hits":
-        length, width, height = self.dims_m
+        height, (x, y) = self.dims_m[2], self.camera_m
         tiny = np.float32(1e-6)
-        across_j = length / 2 / np.maximum(np.abs(rays.cos_j), tiny)
-        along_j = width / 2 / np.maximum(np.abs(rays.sin_j), tiny)
+        front, left, back, right = self._wall_distances
+        across_j = np.where(rays.cos_j > 0, front, back) / np.maximum(np.abs(rays.cos_j), tiny)
+        along_j = np.where(rays.sin_j > 0, left, right) / np.maximum(np.abs(rays.sin_j), tiny)
         wall_reach_j = np.minimum(across_j, along_j)
         level = np.where(rays.slope_i > 0, height - camera_height_m, camera_height_m).astype(np.float32)
         level_reach_i = level / np.maximum(np.abs(rays.slope_i), tiny)
         reach_ij = np.minimum(wall_reach_j, level_reach_i[:, None])
         wall_j = np.where(across_j < along_j, np.where(rays.cos_j > 0, 0, 2), np.where(rays.sin_j > 0, 1, 3))
         return Hits(
-            x_ij=reach_ij * rays.cos_j,
-            y_ij=reach_ij * rays.sin_j,
+            x_ij=reach_ij * rays.cos_j + np.float32(x),
+            y_ij=reach_ij * rays.sin_j + np.float32(y),
             z_ij=reach_ij * rays.slope_i[:, None] + np.float32(camera_height_m),
             reach_ij=reach_ij,
             on_wall_ij=wall_reach_j < level_reach_i[:, None],
@@ -95,8 +111,10 @@ class ProceduralRoom:
         self, hits: "Hits", rays: "Rays", tops: npt.NDArray[np.float32]
     ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         length, width, height = (np.float32(side) for side in self.dims_m)
-        reach_j = np.where(hits.wall_j % 2 == 0, length / 2 / np.abs(rays.cos_j), width / 2 / np.abs(rays.sin_j))
-        x_j, y_j = reach_j * rays.cos_j, reach_j * rays.sin_j
+        faces_x_j = hits.wall_j % 2 == 0
+        reach_j = self._wall_distances[hits.wall_j] / np.abs(np.where(faces_x_j, rays.cos_j, rays.sin_j))
+        x_j = reach_j * rays.cos_j + np.float32(self.camera_m[0])
+        y_j = reach_j * rays.sin_j + np.float32(self.camera_m[1])
         # On each wall the texture runs from left to right as seen from inside.
         right_j = np.choose(hits.wall_j, [width / 2 - y_j, x_j + length / 2, y_j + width / 2, length / 2 - x_j])
         column_ij = np.where(hits.on_wall_ij, right_j, width / 2 - hits.y_ij) * PX_PER_M - np.float32(0.5)
@@ -130,6 +148,8 @@ class ProceduralRoom:
             low, high = [0.0, 0.0, 0.0], [0.0, 0.0, height]
             low[axis], high[axis] = sorted((sign * (half[axis] - depth), sign * half[axis]))
             low[1 - axis], high[1 - axis] = along - breadth / 2, along + breadth / 2
+            for side, camera in enumerate(self.camera_m):
+                low[side], high[side] = low[side] - camera, high[side] - camera
             color = random_color(rng, (0.1, 0.6), (0.2, 0.9))
             boxes.append(Cuboid((low[0], low[1], 0.0), (high[0], high[1], height), color, int(rng.integers(0, 5))))
         return boxes
@@ -154,7 +174,7 @@ class Hits:
     """Points where rays meet the walls, the floor or the ceiling.
 
     Args:
-        x_ij, y_ij, z_ij: coordinates, metres, with the origin on the floor below the camera.
+        x_ij, y_ij, z_ij: coordinates, metres, with the origin in the middle of the floor.
         reach_ij: distance from the camera along the floor, metres.
         on_wall_ij: True on a wall, False on floor and ceiling.
         wall_j: index of the wall in each column: +x, +y, -x, -y.

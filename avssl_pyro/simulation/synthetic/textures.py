@@ -101,7 +101,7 @@ def _rectangle(wall: Texture, box_m: tuple[float, float, float, float], color: R
 
 
 def _window(wall: Texture, rng: np.random.Generator, left: float, span: float, height_m: float) -> None:
-    top, bottom = height_m - float(rng.uniform(2.0, 2.5)), height_m - float(rng.uniform(0.7, 1.1))
+    top, bottom = max(height_m - float(rng.uniform(2.0, 2.5)), 0.0), height_m - float(rng.uniform(0.7, 1.1))
     sky = np.linspace(float(rng.uniform(0.8, 1.0)), float(rng.uniform(0.5, 0.8)), _px(bottom) - _px(top))
     color = np.array(random_color(rng, (0.05, 0.35), (0.7, 1.0)))
     wall[_px(top) : _px(bottom), _px(left) : _px(left + span)] = (sky[:, None, None] * color).astype(np.uint8)
@@ -153,7 +153,7 @@ def _shelf(wall: Texture, rng: np.random.Generator, left: float, span: float, he
 
 def _curtain(wall: Texture, rng: np.random.Generator, left: float, span: float, height_m: float) -> None:
     color = np.array(random_color(rng, (0.0, 0.7), (0.3, 0.95)))
-    columns = wall[_px(height_m - 2.6) : _px(height_m - 0.05), _px(left) : _px(left + span)]
+    columns = wall[_px(max(height_m - 2.6, 0.0)) : _px(height_m - 0.05), _px(left) : _px(left + span)]
     folds = 0.85 + 0.15 * np.sin(np.arange(columns.shape[1]) * float(rng.uniform(0.3, 0.8)))
     columns[:] = np.clip(folds[None, :, None] * color, 0, 255).astype(np.uint8)
 
