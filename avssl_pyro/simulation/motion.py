@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.reverberation import RoomAcoustics
+from avssl_pyro.simulation.acoustics.reverberation import RoomAcoustics
 from avssl_pyro.simulation.scene_config import MOUTH_HEIGHT, SceneConfig
 
 

@@ -7,8 +7,8 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
+from avssl_pyro.simulation.acoustics.reverberation import RoomAcoustics, reverberate, room_responses
 from avssl_pyro.simulation.motion import MovingTalkers
-from avssl_pyro.simulation.reverberation import RoomAcoustics, reverberate, room_responses
 from avssl_pyro.simulation.speech import SpeechSource
 from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 

@@ -10,7 +10,7 @@ from scipy import fft
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.diffuse_field import diffuse_field, noise_frequencies, noise_length
+from avssl_pyro.simulation.acoustics.diffuse_field import diffuse_field, noise_frequencies, noise_length
 from avssl_pyro.validators import within
 
 PINK_DB_PER_OCTAVE = -3.0

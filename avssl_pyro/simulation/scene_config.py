@@ -7,8 +7,8 @@ import numpy as np
 
 from avssl_pyro.clip import CLIP_SAMPLES
 from avssl_pyro.errors import InputError
+from avssl_pyro.simulation.acoustics.models import IMAGE_METHOD, ImageMethodWithTail, RoomModel, room_model_from_dict
 from avssl_pyro.simulation.noise import NoiseConfig
-from avssl_pyro.simulation.room_models import IMAGE_METHOD, ImageMethodWithTail, RoomModel, room_model_from_dict
 from avssl_pyro.validators import at_least, within
 
 # Height of the mouth as a share of body height.

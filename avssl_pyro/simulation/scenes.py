@@ -11,12 +11,12 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind, MeasuredKind
 from avssl_pyro.clip import Clip, SceneLabels
 from avssl_pyro.errors import InputError
+from avssl_pyro.simulation.acoustics.reverberation import RoomAcoustics, reverberate
 from avssl_pyro.simulation.compositing import Composite, composite, relight
 from avssl_pyro.simulation.layout import Layout, PersonMetadata, draw_layout
 from avssl_pyro.simulation.noise import MIN_POWER, PINK_DB_PER_OCTAVE, Noise, colored_noise, mean_power, scaled
 from avssl_pyro.simulation.panoramas import PanoramaSource, RoomShapedPanoramas, to_clip_image
 from avssl_pyro.simulation.people import PersonSource
-from avssl_pyro.simulation.reverberation import RoomAcoustics, reverberate
 from avssl_pyro.simulation.scene_config import SceneConfig
 from avssl_pyro.simulation.speech import SpeechSource
 from avssl_pyro.simulation.synthetic.people import ProceduralPerson

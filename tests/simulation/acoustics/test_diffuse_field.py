@@ -3,7 +3,7 @@ import numpy.typing as npt
 import pytest
 
 from avssl_pyro.acoustics.presets import PRESETS, uniform_circle
-from avssl_pyro.simulation.diffuse_field import diffuse_field, noise_frequencies
+from avssl_pyro.simulation.acoustics.diffuse_field import diffuse_field, noise_frequencies
 
 NUM_SAMPLES, FRAME = 160_000, 512
 

@@ -6,13 +6,13 @@ import pytest
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.reverberation import RoomAcoustics, reverberate
-from avssl_pyro.simulation.room_models import (
+from avssl_pyro.simulation.acoustics.models import (
     ImageMethod,
     ImageMethodWithTail,
     eyring_absorption,
     room_model_from_dict,
 )
+from avssl_pyro.simulation.acoustics.reverberation import RoomAcoustics, reverberate
 
 NUM_SAMPLES = 24_000
 SOURCE_SX = np.array([[1.0, 0.3, 0.2]])

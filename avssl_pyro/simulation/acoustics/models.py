@@ -10,9 +10,9 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
-from avssl_pyro.simulation.diffuse_field import diffuse_field
-from avssl_pyro.simulation.plane_waves import PlaneWaves
-from avssl_pyro.simulation.reverberation import (
+from avssl_pyro.simulation.acoustics.diffuse_field import diffuse_field
+from avssl_pyro.simulation.acoustics.plane_waves import PlaneWaves
+from avssl_pyro.simulation.acoustics.reverberation import (
     FRACTIONAL_DELAY_TAPS,
     RoomAcoustics,
     plane_wave_receiver,

@@ -15,7 +15,7 @@ from scipy import fft
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.simulation.plane_waves import PlaneWaveReceiver, PlaneWaves
+from avssl_pyro.simulation.acoustics.plane_waves import PlaneWaveReceiver, PlaneWaves
 
 ORDERS_PER_SECOND = 60.0
 FRACTIONAL_DELAY_TAPS = 41
@@ -92,7 +92,7 @@ def room_responses(
     """Computes the responses from each source to each microphone of an array in a room.
 
     For free-field arrays the image method runs per microphone. For other arrays each reflection is a plane wave, see
-    :mod:`avssl_pyro.simulation.plane_waves`.
+    :mod:`avssl_pyro.simulation.acoustics.plane_waves`.
 
     Args:
         array: M microphones, or channels.

@@ -4,7 +4,7 @@ import pytest
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
-from avssl_pyro.simulation.reverberation import reverberate, room_responses, truncation_order
+from avssl_pyro.simulation.acoustics.reverberation import reverberate, room_responses, truncation_order
 
 ROOM = (5.0, 5.0, 3.0)
 PAIR = MicrophoneArray("pair", ((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0)))

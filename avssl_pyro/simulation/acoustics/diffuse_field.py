@@ -16,7 +16,7 @@ from scipy import fft
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.simulation.plane_waves import sphere_lattice
+from avssl_pyro.simulation.acoustics.plane_waves import sphere_lattice
 
 # Directions of the average for arrays without a closed form.
 NUM_DIRECTIONS = 600

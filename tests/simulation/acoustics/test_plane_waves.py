@@ -5,8 +5,8 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.spherical import sphere_response
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
-from avssl_pyro.simulation.plane_waves import PlaneWaveReceiver, PlaneWaves
-from avssl_pyro.simulation.reverberation import room_responses
+from avssl_pyro.simulation.acoustics.plane_waves import PlaneWaveReceiver, PlaneWaves
+from avssl_pyro.simulation.acoustics.reverberation import room_responses
 
 SPHERE = PRESETS["starss23-mic"]
 LENGTH = 4096
