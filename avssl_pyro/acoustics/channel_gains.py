@@ -6,7 +6,7 @@ talkers are: the diffuse-field power of the array's own responses. What the loud
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -76,6 +76,14 @@ class ChannelGains:
         """True if all signs are alike and no gain deviates by more than what near talkers explain."""
         return not any(self.turned_m) and bool((np.abs(self.deviation_db_m) < EVEN_DB).all())
 
+    @classmethod
+    def median(cls, gains: Sequence["ChannelGains"]) -> "ChannelGains":
+        """Returns the gains of most of several clips of one device; a channel is dead if it is dead in all."""
+        gain_db_m = np.median([one.gain_db_m for one in gains], axis=0)
+        turned_m = np.mean([one.turned_m for one in gains], axis=0) > 0.5
+        dead_m = np.all([one.dead_m for one in gains], axis=0)
+        return cls(tuple(gain_db_m.tolist()), tuple(turned_m.tolist()), tuple(dead_m.tolist()))
+
     def compensated(self, audio_mn: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
         """Returns audio (..., M, N) of equal gains and signs; the audio itself if they are even."""
         if self.are_even:
@@ -142,7 +150,9 @@ class GainEstimator:
 
     def __init__(self, array: MicrophoneArray, config: StftConfig | None = None) -> None:
         self.array = array
-        self.config = StftConfig() if config is None else config
+        # Half-overlapping windows lose nothing of power.
+        config = StftConfig() if config is None else config
+        self.config = replace(config, hop=max(config.hop, config.window // 2))
         frequencies_hz = self.config.frequencies
         self._band_f = (frequencies_hz >= BAND_HZ[0]) & (frequencies_hz <= BAND_HZ[1])
         if not array.steering.gains_are_free:
@@ -158,7 +168,10 @@ class GainEstimator:
         cosine_fmm = np.ones((len(phasor_fdm), array.num_microphones, array.num_microphones))
         for phasor_fm in phasor_fdm.swapaxes(0, 1):
             np.minimum(cosine_fmm, (phasor_fm[:, :, None] * phasor_fm[:, None].conj()).real, out=cosine_fmm)
-        self._in_phase_fmm = cosine_fmm > LEAST_COSINE
+        in_phase_fmm = (cosine_fmm > LEAST_COSINE) & ~np.eye(array.num_microphones, dtype=bool)
+        # Above the last of these frequencies no pair is close enough.
+        num_near = int(np.flatnonzero(in_phase_fmm.any(axis=(1, 2))).max(initial=-1)) + 1
+        self._in_phase_fmm = in_phase_fmm[:num_near]
 
     def estimate(self, audio_bmn: npt.NDArray[np.float32]) -> ChannelGains:
         """Estimates the gains of excerpts (B, M, N) of one device at 16 kHz; louder excerpts count more.
@@ -189,16 +202,18 @@ class GainEstimator:
 
         Cosines of pairs that stand too far apart are 0.
         """
-        threshold = max(self._loud_power(audio_mn) for audio_mn in audio_bmn) * 10 ** (-LOUD_RANGE_DB / 10)
+        spectrograms = [self._spectrogram(audio_mn) for audio_mn in audio_bmn]
+        threshold = max(map(_loud_power, spectrograms)) * 10 ** (-LOUD_RANGE_DB / 10)
+        near = slice(0, len(self._in_phase_fmm))
         in_phase_fmm = self._in_phase_fmm[:, live][:, :, live]
         levels, cosine_mm, count_mm = [], np.zeros((len(live),) * 2), np.zeros((len(live),) * 2)
-        for audio_mn in audio_bmn:
-            x_fmt = self._spectrogram(audio_mn)
+        for x_fmt in spectrograms:
             power_fmt = np.abs(x_fmt) ** 2
             loud_ft = np.median(power_fmt, axis=1) > threshold
             level_ftm = 10 * np.log10(np.maximum(power_fmt, LEAST_POWER)).swapaxes(1, 2)
             levels.append((level_ftm - self._expected_fm[:, None, live])[loud_ft])
-            phasor_fmt = x_fmt / np.sqrt(np.maximum(power_fmt, LEAST_POWER)) * loud_ft[:, None]
+            loud_ft = loud_ft[near]
+            phasor_fmt = x_fmt[near] / np.sqrt(np.maximum(power_fmt[near], LEAST_POWER)) * loud_ft[:, None]
             cosine_fmm = (phasor_fmt @ phasor_fmt.conj().swapaxes(1, 2)).real
             cosine_mm += (cosine_fmm * in_phase_fmm).sum(axis=0)
             count_mm += (in_phase_fmm * loud_ft.sum(axis=1)[:, None, None]).sum(axis=0)
@@ -208,8 +223,9 @@ class GainEstimator:
         x_fmt = stft(torch.from_numpy(np.ascontiguousarray(audio_mn))[None], self.config)[0].numpy()
         return np.asarray(x_fmt[self._band_f])
 
-    def _loud_power(self, audio_mn: npt.NDArray[np.float32]) -> float:
-        return float(np.quantile(np.median(np.abs(self._spectrogram(audio_mn)) ** 2, axis=1), LOUD_QUANTILE))
+
+def _loud_power(x_fmt: npt.NDArray[np.complex64]) -> float:
+    return float(np.quantile(np.median(np.abs(x_fmt) ** 2, axis=1), LOUD_QUANTILE))
 
 
 def _dead(audio_bmn: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
@@ -236,11 +252,10 @@ def _turned(agreement_mm: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
     Args:
         agreement_mm: mean cosine of the phase between channels, 0 where a pair is too far apart.
     """
-    pairs_mm = agreement_mm * (1 - np.eye(len(agreement_mm)))
     # Of all signs, those of the first eigenvector agree best with the pairs.
-    sign_m = np.where(np.linalg.eigh(pairs_mm)[1][:, -1] < 0, -1.0, 1.0)
-    known_m = np.maximum((pairs_mm != 0).sum(axis=1), 1)
-    sure_m = sign_m * (pairs_mm @ sign_m) / known_m > LEAST_AGREEMENT
+    sign_m = np.where(np.linalg.eigh(agreement_mm)[1][:, -1] < 0, -1.0, 1.0)
+    known_m = np.maximum((agreement_mm != 0).sum(axis=1), 1)
+    sure_m = sign_m * (agreement_mm @ sign_m) / known_m > LEAST_AGREEMENT
     # Of two equal groups, that of the first channel is the reference.
     reference = np.sign(sign_m[sure_m].sum()) or sign_m[0]
     return np.asarray(sure_m & (sign_m != reference))

@@ -113,7 +113,8 @@ class Result:
         """
         model = self.model
         separator = model.separator if config is None else Separator(model.system.config, config)
-        return separator.separate(self.clip.audio_mn, self.posterior, self.sources)
+        gains = model.localizer.gains_of(self.clip.audio_mn[None])
+        return separator.separate(gains.compensated(self.clip.audio_mn), self.posterior, self.sources)
 
     def save_sounds(self, folder: str | Path, name: str | None = None) -> list[Path]:
         """Writes the sound of every source as a 16 kHz WAV file, and returns the paths.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from avssl_pyro.atomic_file import write_atomically
-from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording
+from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording, warn_of_gains
 from avssl_pyro.cli.options import DEFAULT_DEVICE, Device, choose_system, given, parse_options
 from avssl_pyro.cli.outputs import check_outputs
 from avssl_pyro.errors import InputError
@@ -111,7 +111,7 @@ def main(args: Sequence[str] | None = None) -> int | None:
     out = None if options.out == STANDARD_OUTPUT else options.out
     if audio is not None:
         return localize_recording(options.recording, audio, out, model.array, model.localizer, options.rounds > 0)
-    _check_inputs(inputs, model)
+    _check_inputs(inputs, options.clips or inputs[0].audio, model)
     overlay = options.overlay if options.clips is None else None
     check_outputs((out, overlay), (options.clips, *_files(inputs)))
     if options.clips is not None:
@@ -181,19 +181,29 @@ def _files(inputs: Sequence[_ClipFiles]) -> Iterator[Path]:
             yield entry.image
 
 
-def _check_inputs(inputs: Sequence[_ClipFiles], model: "Model") -> None:
-    """Reads everything once before anything is written, so that a bad clip late in a list leaves nothing behind."""
+def _check_inputs(inputs: Sequence[_ClipFiles], source: Path, model: "Model") -> None:
+    """Reads everything once before anything is written, so that a bad clip late in a list leaves nothing behind.
+
+    Gains of the channels are compared over all clips, and ``source`` is named with those that differ.
+    """
+    from avssl_pyro.acoustics.channel_gains import ChannelGains
     from avssl_pyro.io.audio import read_audio
     from avssl_pyro.io.images import read_image
 
+    gains = []
     for entry in inputs:
-        if not read_audio(entry.audio, model.array).any():
+        audio_mn = read_audio(entry.audio, model.array)
+        if audio_mn.any():
+            gains.append(model.localizer.gains_of(audio_mn[None]))
+        else:
             print(f"warning: {entry.audio}: is silent throughout.", file=sys.stderr)
         if entry.image is not None:
             read_image(entry.image)
         else:
             # Refuses a model without refinement, by name.
             assert model.audio_only_localizer
+    if gains:
+        warn_of_gains(ChannelGains.median(gains), source, model.array)
 
 
 def _localize_many(inputs: Sequence[_ClipFiles], options: LocalizeOptions, model: "Model", out: Path | None) -> None:

@@ -14,6 +14,7 @@ from avssl_pyro.errors import InputError
 
 if TYPE_CHECKING:
     from avssl_pyro.acoustics.array import MicrophoneArray
+    from avssl_pyro.acoustics.channel_gains import ChannelGains
     from avssl_pyro.interruption import GracefulInterrupt
     from avssl_pyro.localization.localizer import Localizer
     from avssl_pyro.recordings.recording import Recording
@@ -54,6 +55,18 @@ class RecordingOptions:
                 raise InputError(f"--{name} is for whole recordings; give --video, or turn the picture beforehand.")
 
 
+def warn_of_gains(gains: "ChannelGains", source: Path, array: "MicrophoneArray") -> None:
+    """Prints one warning for every channel that is dead, or whose gain or sign differs.
+
+    Args:
+        gains: gains of the channels, in the order of the microphones.
+        source: file of the clip, the list or the recording.
+        array: array that recorded, with its channels.
+    """
+    for remark in gains.remarks(array.channel_indices):
+        print(f"warning: {source}: {remark}; 'avssl doctor' checks the channels.", file=sys.stderr)
+
+
 def localize_recording(
     options: RecordingOptions,
     audio: Path,
@@ -91,6 +104,9 @@ def localize_recording(
     if options.annotated is not None:
         check_video_name(options.annotated)
     check_outputs((out, options.dcase, options.annotated), (audio, options.video))
+    gains = library.recording_gains(recording, localizer)
+    warn_of_gains(gains, audio, array)
+    localizer = localizer.with_gains(gains)
     with GracefulInterrupt() as stop:
         timeline = library.localize_recording(
             recording, localizer, rate_hz=rate, tracking=options.tracking, interrupt=stop, progress=True

@@ -1,13 +1,16 @@
 """Localizes the sounding sources of clips: one forward pass of a guide, or a refinement fitted to every clip."""
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from attrs import evolve
 from torch import Tensor
 
+from avssl_pyro.acoustics.channel_gains import ChannelGains, GainEstimator
 from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.acoustics.stft import loud_frames, stft
 from avssl_pyro.batch import collate_clips
@@ -50,6 +53,7 @@ class Localizer:
         pause_db: decibels below a clip's loudest frame; frames quieter than that are left out. Pauses hold only noise,
             and every one of them lowers the levels, the shares of bins that the sources dominate.
         seed: seed of the draws behind the posterior spread of directions.
+        gains: gains and signs of the channels, which are undone; by default each clip's own, as estimated.
 
     Raises:
         InputError: the device is not available, or the guide does not return its parameters.
@@ -74,6 +78,7 @@ class Localizer:
         thresholds: SourceThresholds | None = None,
         pause_db: float | None = None,
         seed: int = 0,
+        gains: ChannelGains | None = None,
     ) -> None:
         self.config = system.config
         try:
@@ -92,6 +97,18 @@ class Localizer:
         self.uniform_levels = uniform_levels
         self.pause_db = pause_db
         self.seed = seed
+        self.gains = gains
+        self._gain_estimator = GainEstimator(self.config.array, self.config.stft)
+
+    def with_gains(self, gains: ChannelGains) -> "Localizer":
+        """Returns this localizer for clips of one recording, whose gains are known."""
+        fixed = copy(self)
+        fixed.gains = gains
+        return fixed
+
+    def gains_of(self, audio_bmn: npt.NDArray[np.float32]) -> ChannelGains:
+        """Gains that are undone in excerpts (B, M, N) of one device: those given, or those estimated from them."""
+        return self._gain_estimator.estimate(audio_bmn) if self.gains is None else self.gains
 
     def localize(self, clips: Sequence[Clip]) -> list[Localization]:
         """Posteriors and sources of clips of equal length, in order.
@@ -118,6 +135,9 @@ class Localizer:
                     f"clip {clip.key}: {clip.audio_mn.shape[0]} channels, but the checkpoint was trained with the "
                     f"{expected} microphones of array '{self.config.array.name}'."
                 )
+        clips = [
+            replace(clip, audio_mn=self.gains_of(clip.audio_mn[None]).compensated(clip.audio_mn)) for clip in clips
+        ]
         # Clips that keep different numbers of frames cannot be stacked.
         batches = [clips] if self.pause_db is None else [[clip] for clip in clips]
         return [posterior for batch in batches for posterior in self._posteriors(batch)]

@@ -7,10 +7,12 @@ from pathlib import Path
 from tqdm import tqdm
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.channel_gains import ChannelGains
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.interruption import GracefulInterrupt
 from avssl_pyro.localization.localizer import Localizer
+from avssl_pyro.recordings.excerpts import read_excerpts
 from avssl_pyro.recordings.preparation import open_for_array
 from avssl_pyro.recordings.recording import Alignment, Recording
 from avssl_pyro.tracking.timeline import Timeline, timeline_of_tracks, timeline_of_windows
@@ -48,6 +50,21 @@ def open_recording(audio: Path, video: Path | None, array: MicrophoneArray, alig
     return open_for_array(recording, array)
 
 
+def recording_gains(recording: Recording, localizer: Localizer) -> ChannelGains:
+    """Gains of the channels over the whole recording, from its excerpts; see :meth:`Localizer.gains_of`.
+
+    Args:
+        recording: audio of an array.
+        localizer: localizer of the same array.
+
+    Raises:
+        InputError: the audio cannot be read.
+    """
+    excerpts = read_excerpts(recording.audio.path)
+    channels = range(excerpts.num_channels) if recording.channels is None else recording.channels
+    return localizer.gains_of(excerpts.select(channels).audio_bmn)
+
+
 def localize_recording(
     recording: Recording,
     localizer: Localizer,
@@ -58,6 +75,8 @@ def localize_recording(
     progress: bool = False,
 ) -> Timeline:
     """Localizes a recording window by window and returns the timeline of its sources.
+
+    Gains of the channels are estimated once, over the whole recording, unless the localizer has them already.
 
     Args:
         recording: audio of an array, with or without video.
@@ -74,6 +93,7 @@ def localize_recording(
     if not 0 < rate_hz <= 100:
         raise InputError(f"the rate is {rate_hz:g}; give a number of results per second, above 0 and up to 100.")
     hop_s = 1 / rate_hz
+    localizer = localizer.with_gains(recording_gains(recording, localizer))
     windows: list[WindowDetections] = []
     with tqdm(
         total=len(recording.window_starts(hop_s, WINDOW_S)), unit="window", desc="localizing", disable=not progress

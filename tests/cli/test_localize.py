@@ -114,6 +114,28 @@ def test_a_manifest_gives_one_line_per_clip(checkpoint: Path, clip: tuple[Path, 
     assert len(list(overlays.glob("*.png"))) == 2
 
 
+def test_a_louder_channel_is_named_once_over_all_clips_and_undone(
+    checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image, audio = clip
+    samples, rate = soundfile.read(audio)
+    loud, manifest, out = tmp_path / "loud.wav", tmp_path / "clips.csv", tmp_path / "results.jsonl"
+    soundfile.write(loud, samples * np.array([1, 1, -3, 1]) / 3, rate, subtype="FLOAT")
+    manifest.write_text("audio,image\n" + f"{loud.name},{image.name}\n" * 3)
+    main(["--checkpoint", str(checkpoint), "--clips", str(manifest), "--out", str(out)])
+    warnings = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning:")]
+    assert [line.split(";")[0] for line in warnings] == [
+        f"warning: {manifest}: channel 3 is 9 dB louder than the others",
+        f"warning: {manifest}: channel 3 has the opposite sign of the others",
+    ]
+    plain = tmp_path / "plain.json"
+    main(arguments(checkpoint, image, audio, plain))
+    assert "warning" not in capsys.readouterr().err
+    expected = json.loads(plain.read_text())["mixing_levels"]
+    for line in out.read_text().splitlines():
+        assert json.loads(line)["mixing_levels"] == pytest.approx(expected, abs=0.05)
+
+
 def three_channels(image: Path, audio: Path) -> list[str]:
     samples, rate = soundfile.read(audio)
     soundfile.write(audio, samples[:, :3], rate)

@@ -5,6 +5,7 @@ import pytest
 import torch
 from attrs import evolve
 
+from avssl_pyro.acoustics.channel_gains import ChannelGains
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.clip import Clip
@@ -181,3 +182,39 @@ def test_audio_only_ignores_the_images() -> None:
     (swapped,) = localizer.posteriors([replace(first, image_ijc=second.image_ijc)])
     np.testing.assert_array_equal(own.direction_weights_kd, swapped.direction_weights_kd)
     np.testing.assert_array_equal(own.mixing_levels_k, swapped.mixing_levels_k)
+
+
+def common_sound(gain_db_m: list[float]) -> Clip:
+    """A clip whose microphones share most of their sound, with these gains."""
+    rng = np.random.default_rng(1)
+    audio_mn = 0.05 * rng.standard_normal((1, 16_000)) + 0.005 * rng.standard_normal((len(gain_db_m), 16_000))
+    return Clip.from_audio("gains", (audio_mn * 10 ** (np.array(gain_db_m)[:, None] / 20)).astype(np.float32))
+
+
+def test_a_louder_channel_changes_nothing_and_small_gains_are_taken_as_they_are() -> None:
+    localizer = Localizer(make_system(), refinement=RefinementConfig(rounds=10), audio_only=True)
+    trusting = localizer.with_gains(ChannelGains.equal(4))
+    (even,) = localizer.posteriors([common_sound([0, 0, 0, 0])])
+    (uneven,) = localizer.posteriors([common_sound([0, 0, 9, 0])])
+    np.testing.assert_allclose(uneven.direction_weights_kd, even.direction_weights_kd, atol=0.02)
+    (trusted,) = trusting.posteriors([common_sound([0, 0, 9, 0])])
+    assert np.abs(trusted.direction_weights_kd - even.direction_weights_kd).max() > 0.05
+    slight = common_sound([0, 1, 0, -1])
+    (left_alone,) = localizer.posteriors([slight])
+    (as_it_is,) = trusting.posteriors([slight])
+    np.testing.assert_array_equal(left_alone.direction_weights_kd, as_it_is.direction_weights_kd)
+
+
+def test_given_gains_are_undone_whatever_the_clip() -> None:
+    refinement = RefinementConfig(rounds=10)
+    localizer = Localizer(
+        make_system(),
+        refinement=refinement,
+        audio_only=True,
+        gains=ChannelGains((0.0, 0.0, 9.0, 0.0), (False,) * 4, (False,) * 4),
+    )
+    clip = common_sound([0, 0, 9, 0])
+    assert localizer.gains_of(clip.audio_mn[None]).remarks() == ("channel 3 is 9 dB louder than the others",)
+    (given,) = localizer.posteriors([clip])
+    (estimated,) = Localizer(make_system(), refinement=refinement, audio_only=True).posteriors([clip])
+    np.testing.assert_allclose(given.direction_weights_kd, estimated.direction_weights_kd, atol=0.02)

@@ -13,7 +13,7 @@ from avssl_pyro.localization.localizer import Localizer
 from avssl_pyro.localization.posterior import SourceThresholds
 from avssl_pyro.recordings.recording import Alignment
 from avssl_pyro.systems.pretrained import load_weights_of
-from avssl_pyro.tracking.recording_localizer import localize_recording, open_recording
+from avssl_pyro.tracking.recording_localizer import localize_recording, open_recording, recording_gains
 
 ARRAY = PRESETS["circle2"]
 EVERYTHING = SourceThresholds(level=0.0, peak=0.0)
@@ -68,3 +68,21 @@ def test_bad_recordings_are_refused(localizer: Localizer, audio: Path, tmp_path:
     soundfile.write(short, np.random.default_rng(0).normal(0, 0.1, (8_000, 2)), 16_000)
     with pytest.raises(InputError, match=r"0.50 s in common; a result needs 1 s"):
         open_recording(short, None, ARRAY, Alignment())
+
+
+def test_gains_are_those_of_the_whole_recording_not_of_a_quiet_window(localizer: Localizer, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    loud_nm = 0.05 * (rng.standard_normal((48_000, 1)) + 0.1 * rng.standard_normal((48_000, 2))) * [1, 2]
+    # The recorder's own noise is the same in both channels.
+    quiet_nm = 1e-4 * rng.standard_normal((48_000, 2))
+    path = tmp_path / "louder.wav"
+    soundfile.write(path, np.concatenate([quiet_nm, loud_nm]), 16_000, subtype="FLOAT")
+    recording = open_recording(path, None, ARRAY, Alignment())
+    gains = recording_gains(recording, localizer)
+    assert gains.remarks() == ("channel 2 is 6 dB louder than the other",)
+    timeline = localize_recording(recording, localizer, tracking=False)
+    for frame, (_, clip) in zip(timeline.frames, recording.windows(0.5), strict=True):
+        (expected,) = localizer.with_gains(gains).localize([clip])
+        assert [source.level for source in frame.sources] == pytest.approx(
+            [source.level for source in expected.sources]
+        )
