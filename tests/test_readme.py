@@ -112,7 +112,7 @@ def user_folder(tmp_path_factory: pytest.TempPathFactory, scene_folder: Path) ->
     robot = build_system(SystemConfig(PRESETS["circle6"], guide=GuideConfig(audio_channels=8)))
     save_checkpoint(folder / "runs" / "robot" / "checkpoint.safetensors", robot)
     recording = ["--video", str(folder / "walk.mp4"), "--audio", str(folder / "walk.wav")]
-    prepare.main([*recording, "--array", "circle6", "--top", "5000", "--out", str(folder / "clips")])
+    prepare.main([*recording, "--array", "circle6", "--num-clips", "5000", "--out", str(folder / "clips")])
     distant = SceneSimulator(SceneConfig(distance_range_m=(1.2, 2.0)), seed=1)
     generate(plan_scenes(folder / "scenes", distant, 6, 6), workers=1, progress=False)
     return folder

@@ -33,7 +33,7 @@ class DemoOptions:
     """Number of test scenes."""
     num_validation_scenes: int = 100
     """Number of validation scenes, on which thresholds are tuned."""
-    overlays: int = 6
+    num_overlays: int = 6
     """Number of overlays to draw, one for each of the first test scenes."""
     optimization: OptimizationConfig = PRESETS["quick"].optimization
 
@@ -101,7 +101,7 @@ def _train_and_compare(options: DemoOptions) -> None:
     )
     system = load_checkpoint(checkpoint)
     test = default_dataset(options.cache, TEST, "some-silent", options.num_test_scenes, system.config.array)
-    draw_overlays(Localizer(system, refinement=RefinementConfig()), test, options.overlays, options.out)
+    draw_overlays(Localizer(system, refinement=RefinementConfig()), test, options.num_overlays, options.out)
 
 
 def draw_overlays(localizer: "Localizer", dataset: "SceneDataset", number: int, folder: Path) -> None:

@@ -28,7 +28,7 @@ class PrepareOptions:
     number of channels will do. After an interruption, the same command continues where it stopped.
     """
 
-    out: Path
+    out: Path = Path("runs/clips")
     """Folder of the shards; with --validation, its sub-folders train and validation."""
     array: str | None = None
     """Array of the recordings: a preset or a YAML file; by default starss23-mic or starss23-foa for STARSS23."""
@@ -49,7 +49,7 @@ class PrepareOptions:
     """Length of a clip in seconds."""
     hop: float | None = None
     """Seconds between the starts of clips; by default --clip-seconds, so that clips do not overlap."""
-    top: int = 5000
+    num_clips: int = 5000
     """Number of clips to keep, the loudest of all recordings; 0 keeps all."""
     validation: Literal["none", "recording", "time"] = "none"
     """Clips kept aside: none, those of whole recordings, or (time) those at the end of each recording."""
@@ -74,13 +74,13 @@ def prepare_with(options: PrepareOptions) -> Prepared:
     """Prepares the clips, prints warnings and the shards, and returns the result."""
     from avssl_pyro.recordings.preparation import CuttingConfig, prepare
 
-    if options.top < 0:
-        raise InputError(f"--top is {options.top}; give a number of clips, or 0 for all.")
+    if options.num_clips < 0:
+        raise InputError(f"--num-clips is {options.num_clips}; give a number of clips, or 0 for all.")
     if (options.recordings is None) == (options.video is None and options.audio is None):
         raise InputError("give one recording, --video with --audio, or several, --recordings.")
     array = _array(options)
     hop_s = options.clip_seconds if options.hop is None else options.hop
-    cutting = CuttingConfig(options.clip_seconds, hop_s, options.top or None)
+    cutting = CuttingConfig(options.clip_seconds, hop_s, options.num_clips or None)
     splitter = _splitter(options)
     collection = _open(options, array)
     for remark in collection.remarks:

@@ -25,7 +25,7 @@ class SimulateRecordingsOptions:
     given. The number of the room in file names is the --seed.
     """
 
-    out: Path
+    out: Path = Path("runs/recordings")
     """Folder of the recordings; it may hold recordings of other seeds."""
     seconds: float = 60.0
     """Length of a recording in seconds, from 1 to 3600."""

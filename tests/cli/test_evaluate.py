@@ -79,7 +79,7 @@ def test_a_checkpoint_of_another_array_is_refused(main: Callable[[Sequence[str]]
 
 
 def test_the_demo_leaves_what_it_promises(tmp_path: Path) -> None:
-    sizes = ["--num-scenes", "16", "--num-test-scenes", "6", "--num-validation-scenes", "6", "--overlays", "4"]
+    sizes = ["--num-scenes", "16", "--num-test-scenes", "6", "--num-validation-scenes", "6", "--num-overlays", "4"]
     training = ["--optimization.epochs", "1", "--optimization.num-workers", "0"]
     demo.main(["--out", str(tmp_path / "demo"), "--cache", str(tmp_path / "cache"), *sizes, *training])
     names = {path.name for path in (tmp_path / "demo").iterdir()}

@@ -36,7 +36,7 @@ def test_museum_training_runs_on_clips_of_a_folder(tmp_path: Path, capsys: pytes
         write_noise(folder / f"{name}.wav", [0.1, 0.05, 0.2])
         write_video(folder / f"{name}.mp4", 30)
     write_noise(folder / "alone.wav", [0.1])
-    main(["--recordings", str(folder), "--out", str(out), "--array", "circle4", "--top", "4", "--yaw", "10"])
+    main(["--recordings", str(folder), "--out", str(out), "--array", "circle4", "--num-clips", "4", "--yaw", "10"])
     captured = capsys.readouterr()
     assert f"{out}: 4 clips in 1 shards" in captured.out
     assert "alone.wav: has no partner" in captured.err
@@ -63,7 +63,7 @@ def test_museum_without_clips_is_refused() -> None:
         (["--recordings", "nowhere", "--audio", "a.wav"], "give one recording, --video with --audio, or several"),
         (["--recordings", "nowhere"], "nowhere: no such file or folder; give a folder of videos and audio files"),
         (["--video", "none.mp4", "--audio", "none.wav"], "none.wav: no such audio file"),
-        (["--recordings", "x", "--top", "-1"], "--top is -1"),
+        (["--recordings", "x", "--num-clips", "-1"], "--num-clips is -1"),
     ],
 )
 def test_bad_options_end_in_one_sentence(
