@@ -82,7 +82,7 @@ def open_collection(
 
     Args:
         path: folder of pairs, CSV list or folder of STARSS23.
-        alignment: alignment of the recordings of a folder or list; a list may replace offset and yaw.
+        alignment: alignment of the recordings; a list may replace offset and yaw.
         audio_format: format of STARSS23's audio, "mic" or "foa".
         split: split of STARSS23, "dev-train" or "dev-test".
 
@@ -97,10 +97,10 @@ def open_collection(
         case CollectionKind.LIST:
             return Collection(unique_names(entry.open() for entry in read_recording_list(path, alignment)))
         case CollectionKind.STARSS23:
-            return _open_starss(path, audio_format, split)
+            return _open_starss(path, alignment, audio_format, split)
 
 
-def _open_starss(root: Path, audio_format: str, split: str) -> Collection:
+def _open_starss(root: Path, alignment: Alignment, audio_format: str, split: str) -> Collection:
     files = list_starss(root, audio_format, split)
     filmed = [entry for entry in files if entry.video is not None]
     if not filmed:
@@ -108,7 +108,7 @@ def _open_starss(root: Path, audio_format: str, split: str) -> Collection:
     left_out = len(files) - len(filmed)
     remark = f"{root}: {left_out} of {len(files)} recordings have no video; they are left out."
     return Collection(
-        unique_names(entry.open() for entry in filmed),
+        unique_names(entry.open(alignment) for entry in filmed),
         tuple(None if entry.labels is None else entry.read_labels() for entry in filmed),
         (remark,) if left_out else (),
     )

@@ -14,10 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from avssl_pyro.errors import InputError
-from avssl_pyro.io.audio import AudioFile
 from avssl_pyro.io.dcase import DcaseRow, read_dcase
-from avssl_pyro.io.video_reader import VideoFile
-from avssl_pyro.recordings.recording import Recording
+from avssl_pyro.recordings.recording import Alignment, Recording
 
 FORMATS = ("mic", "foa")
 SPLITS = ("dev-train", "dev-test")
@@ -46,14 +44,13 @@ class StarssFiles:
     video: Path | None
     labels: Path | None
 
-    def open(self) -> Recording:
-        """Opens the recording, with zero offset and zero yaw.
+    def open(self, alignment: Alignment | None = None) -> Recording:
+        """Opens the recording; picture and sound agree in STARSS23 itself, so no alignment is the default.
 
         Raises:
             InputError: a file cannot be read.
         """
-        video = None if self.video is None else VideoFile(self.video)
-        return Recording(self.name, AudioFile(self.audio), video)
+        return Recording.open(self.audio, self.video, alignment)
 
     def read_labels(self) -> tuple[DcaseRow, ...]:
         """Reads the labels of the recording.

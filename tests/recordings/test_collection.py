@@ -68,3 +68,10 @@ def test_a_folder_names_what_it_leaves_out(tmp_path: Path) -> None:
 def test_starss_without_videos_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no recording of dev-train has a video; expected them in video_dev"):
         open_collection(starss(tmp_path), Alignment())
+
+
+def test_starss_takes_the_alignment_of_a_turned_camera(tmp_path: Path) -> None:
+    write_video(starss(tmp_path) / "video_dev" / "fold3_room4_mix001.mp4", 10)
+    found = open_collection(tmp_path, Alignment(yaw_deg=33.0, mirror=True))
+    ((recording,), labels) = found.recordings, found.labels
+    assert (recording.name, recording.yaw_deg, recording.mirror, labels) == ("fold3_room4_mix001", 33.0, True, (None,))
