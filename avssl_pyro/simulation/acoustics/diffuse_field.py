@@ -8,6 +8,7 @@ C(f) has the entries sinc(2 f d / c) for microphones d apart.
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import ceil
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,9 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.simulation.acoustics.plane_waves import sphere_lattice
+
+# Real in free field, complex otherwise.
+Inexact = npt.NDArray[np.inexact[Any]]
 
 # Directions of the average for arrays without a closed form.
 NUM_DIRECTIONS = 600
@@ -41,14 +45,14 @@ class DiffuseField:
     array: MicrophoneArray
 
     @cached_property
-    def _root_kmm(self) -> npt.NDArray[np.float32] | npt.NDArray[np.complex64]:
+    def _root_kmm(self) -> Inexact:
         """Hermitian square roots of the covariance on a grid from 0 Hz to half the sampling rate, (K, M, M)."""
         value_km, vector_kmm = np.linalg.eigh(self._covariance_kmm())
         scaled_kmm = vector_kmm * np.sqrt(np.maximum(value_km, 0.0))[:, None, :]
-        root_kmm = scaled_kmm @ vector_kmm.conj().swapaxes(-1, -2)
+        root_kmm = _sum_of_outer_products(scaled_kmm.swapaxes(-1, -2), vector_kmm.swapaxes(-1, -2))
         return root_kmm.astype(np.complex64 if np.iscomplexobj(root_kmm) else np.float32)
 
-    def _covariance_kmm(self) -> npt.NDArray[np.float64] | npt.NDArray[np.complex128]:
+    def _covariance_kmm(self) -> Inexact:
         positions_mx = self.array.positions
         distance_mm = np.linalg.norm(positions_mx[:, None] - positions_mx, axis=-1)
         periods = SAMPLE_RATE / 2 * float(distance_mm.max(initial=0.0)) / self.array.speed_of_sound
@@ -60,8 +64,7 @@ class DiffuseField:
             )
             return covariance_kmm
         a_kdm = self.array.steering.model(self.array).pressure(sphere_lattice(NUM_DIRECTIONS), frequency_k)
-        averaged_kmm: npt.NDArray[np.complex128] = a_kdm.swapaxes(-1, -2) @ a_kdm.conj() / NUM_DIRECTIONS
-        return averaged_kmm
+        return _sum_of_outer_products(a_kdm, a_kdm) / NUM_DIRECTIONS
 
     def draw(
         self, num_samples: int, rng: np.random.Generator, amplitude_f: npt.NDArray[np.floating] | None = None
@@ -87,16 +90,20 @@ class DiffuseField:
         audio_mn: npt.NDArray[np.float32] = fft.irfft(spectrum_fm.T, length)[:, :num_samples]
         return np.ascontiguousarray(audio_mn, dtype=np.float32)
 
-    def _roots_at(self, place_f: npt.NDArray[np.float64]) -> npt.NDArray[np.float32] | npt.NDArray[np.complex64]:
+    def _roots_at(self, place_f: npt.NDArray[np.float64]) -> Inexact:
         low_f = np.minimum(place_f.astype(np.int64), len(self._root_kmm) - 2)
         weight_f11 = (place_f - low_f).astype(np.float32)[:, None, None]
         low_fmm = self._root_kmm[low_f]
         return low_fmm + weight_f11 * (self._root_kmm[low_f + 1] - low_fmm)
 
 
-def _product(
-    root_fmm: npt.NDArray[np.float32] | npt.NDArray[np.complex64], white_fmr: npt.NDArray[np.float32]
-) -> npt.NDArray[np.complex64]:
+def _sum_of_outer_products(a_kdm: Inexact, b_kdm: Inexact) -> Inexact:
+    """Sums a b^H over d, (K, M, M); matrix products would have other bits with other numbers of threads."""
+    summed_kmm: Inexact = np.einsum("kdm,kdn->kmn", a_kdm, b_kdm.conj())
+    return summed_kmm
+
+
+def _product(root_fmm: Inexact, white_fmr: npt.NDArray[np.float32]) -> npt.NDArray[np.complex64]:
     """Multiplies the roots with complex noise that is stored as real and imaginary parts, (F, M)."""
     # A complex root has real and imaginary parts itself; a real one acts on both parts alike.
     if np.iscomplexobj(root_fmm):

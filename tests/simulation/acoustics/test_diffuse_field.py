@@ -1,3 +1,7 @@
+import os
+import subprocess
+import sys
+
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -54,3 +58,20 @@ def test_a_spectrum_shapes_the_noise() -> None:
     power_f = np.abs(np.fft.rfft(noise_mn, axis=-1)) ** 2
     ratio_db = 10 * np.log10(power_f[:, :3900].mean() / power_f[:, 4100:].mean())
     assert ratio_db == pytest.approx(20.0, abs=0.5)
+
+
+def test_the_bits_do_not_depend_on_the_machines_threads() -> None:
+    program = (
+        "import hashlib, numpy as np;"
+        "from avssl_pyro.acoustics.presets import PRESETS;"
+        "from avssl_pyro.simulation.acoustics.diffuse_field import diffuse_field;"
+        "noise_mn = diffuse_field(PRESETS['eigenmike32']).draw(2000, np.random.default_rng(0));"
+        "print(hashlib.sha256(noise_mn.tobytes()).hexdigest())"
+    )
+    digests = {
+        subprocess.check_output(
+            [sys.executable, "-c", program], env={**os.environ, "OMP_NUM_THREADS": threads}, text=True
+        )
+        for threads in ("1", "3")
+    }
+    assert len(digests) == 1
