@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -35,6 +35,9 @@ class SimulateOptions:
     condition: Literal["all-speak", "some-silent", "wide"] = "some-silent"
     """all-speak: two or three people, all of them talkers; some-silent: two to four people, two or three talkers; wide:
     up to five people and four talkers in rooms of any size, with noise and inexact microphones, for training."""
+    acoustics: Literal["image-method", "image-method-with-tail", "ray-traced"] | None = None
+    """Model of the rooms' acoustics; by default that of --condition. ray-traced is meant for tests: walls scatter and
+    absorb by frequency, as in no scene for training."""
     material: Annotated[AssetOptions, tyro.conf.arg(name="")] = field(default_factory=AssetOptions)
     array: str = "circle246"
     """Array to render: a preset or a YAML file. Shards of circle246 can be read as circle2, circle4 or circle6."""
@@ -95,11 +98,15 @@ def _verify(folder: Path) -> int:
 
 def _simulator(options: SimulateOptions) -> SceneSimulator:
     from avssl_pyro.acoustics.presets import resolve_array
+    from avssl_pyro.simulation.acoustics.models import ROOM_MODELS
     from avssl_pyro.simulation.scene_config import SCENE_CONFIGS
     from avssl_pyro.simulation.scenes import SceneSimulator
 
+    config = SCENE_CONFIGS[options.condition]
+    if options.acoustics is not None:
+        config = replace(config, acoustics=ROOM_MODELS[options.acoustics])
     return SceneSimulator(
-        config=SCENE_CONFIGS[options.condition],
+        config=config,
         seed=options.seed,
         speech=options.material.speech_source(),
         people=options.material.person_source(),

@@ -12,6 +12,7 @@ import pytest
 from avssl_pyro.cli.simulate import SimulateOptions, main
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.errors import InputError
+from avssl_pyro.simulation.acoustics.models import ROOM_MODELS
 from avssl_pyro.simulation.scene_config import SCENE_CONFIGS
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "simulate.py"
@@ -88,6 +89,8 @@ def test_another_condition_in_the_same_folder_is_refused(folder: Path) -> None:
 
 def test_every_condition_can_be_asked_for() -> None:
     assert set(get_args(get_type_hints(SimulateOptions)["condition"])) == set(SCENE_CONFIGS)
+    acoustics = get_args(get_args(get_type_hints(SimulateOptions)["acoustics"])[0])
+    assert set(acoustics) == set(ROOM_MODELS)
 
 
 def test_a_dask_scheduler_makes_the_same_scenes(folder: Path, tmp_path: Path) -> None:

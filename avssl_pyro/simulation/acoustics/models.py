@@ -1,29 +1,26 @@
 """Models of a room's acoustics: from sources and an array to impulse responses."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
+from avssl_pyro.simulation.acoustics.arrivals import sum_of_arrivals
 from avssl_pyro.simulation.acoustics.diffuse_field import diffuse_field
-from avssl_pyro.simulation.acoustics.plane_waves import PlaneWaves
+from avssl_pyro.simulation.acoustics.ray_tracing import RayTracing
 from avssl_pyro.simulation.acoustics.reverberation import (
-    FRACTIONAL_DELAY_TAPS,
+    LEAD_SAMPLES,
     RoomAcoustics,
-    plane_wave_receiver,
+    eyring_absorption,
+    reverberant_lead,
     room_responses,
 )
 from avssl_pyro.validators import within
 
-# Speech begins this long before a clip, so that the clip starts with reverberation.
-LEAD_SAMPLES = SAMPLE_RATE // 5
-# Responses that are longer need an earlier beginning: the share of RT60 within which sound decays by 30 dB.
-LEAD_SHARE = 0.5
 # The tail ends after this share of RT60, 45 dB below its start.
 TAIL_SHARE = 0.75
 # Energy decays by 60 dB within RT60: the exponent 6 ln 10.
@@ -122,7 +119,7 @@ class ImageMethodWithTail:
         within(20, 100_000).check(self, "num_reflections")
 
     def lead_samples(self, rt60_s: float) -> int:
-        return max(LEAD_SAMPLES, round(LEAD_SHARE * rt60_s * SAMPLE_RATE))
+        return reverberant_lead(rt60_s)
 
     def responses(
         self,
@@ -155,7 +152,7 @@ class ImageMethodWithTail:
         amplitude_k = (1 - eyring_absorption(room.rt60_s, room.dims_m)) ** (order_k / 2)
         # The direct sound stays whole, however far the source.
         fade_k = np.where(order_k == 0, 1.0, np.cos(_fade(distance_k / self._reach_m(room))))
-        early_ml, late = _arrivals(array, offset_kx, amplitude_k * fade_k)
+        early_ml, late = sum_of_arrivals(array, offset_kx, amplitude_k * fade_k)
         if direct_only:
             return early_ml
         tail_ml = self._tail(array, distance_k[1:], amplitude_k[1:], room, late, rng)
@@ -192,24 +189,20 @@ class ImageMethodWithTail:
         return np.pad(tail_ml, ((0, 0), (first + late, 0)))
 
 
+ROOM_MODELS: dict[str, ImageMethod | ImageMethodWithTail | RayTracing] = {
+    model.kind: model for model in (IMAGE_METHOD, ImageMethodWithTail(), RayTracing())
+}
+
+
 def room_model_from_dict(data: dict[str, Any]) -> RoomModel:
     """Builds a model of room acoustics from its entry in a manifest.
 
     Raises:
-        InputError: the kind is unknown, or a setting is unknown or out of range.
+        InputError: the kind is unknown, or a setting is out of range.
     """
-    settings = {name: value for name, value in data.items() if name != "kind"}
-    for model in (ImageMethod, ImageMethodWithTail):
-        if data.get("kind") == model.kind:
-            return model(**settings)
-    raise InputError(f"acoustics: the kind is {data.get('kind')!r}; known are image-method, image-method-with-tail.")
-
-
-def eyring_absorption(rt60_s: float, dims_m: tuple[float, float, float]) -> float:
-    """Returns the share of energy that walls absorb for a reverberation time, by Eyring's formula."""
-    length, width, height = dims_m
-    surface = 2 * (length * width + length * height + width * height)
-    return float(1 - np.exp(-0.161 * length * width * height / (surface * rt60_s)))
+    if data.get("kind") not in ROOM_MODELS:
+        raise InputError(f"acoustics: the kind is {data.get('kind')!r}; known are {', '.join(ROOM_MODELS)}.")
+    return replace(ROOM_MODELS[data["kind"]], **{name: value for name, value in data.items() if name != "kind"})
 
 
 def image_sources(
@@ -242,37 +235,3 @@ def _fade(share: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Returns the angle of the crossfade, 0 before it and a quarter turn after it."""
     angle: npt.NDArray[np.float64] = np.pi / 2 * np.clip((share - FADE_FROM) / (1 - FADE_FROM), 0.0, 1.0)
     return angle
-
-
-def _arrivals(
-    array: MicrophoneArray, offset_kx: npt.NDArray[np.float64], amplitude_k: npt.NDArray[np.float64]
-) -> tuple[npt.NDArray[np.float32], int]:
-    """Sums sound from points at every microphone, (M, L), and returns the common delay in samples."""
-    if array.steering == FreeFieldKind():
-        return _at_points(array, offset_kx, amplitude_k), FRACTIONAL_DELAY_TAPS // 2
-    distance_k = np.linalg.norm(offset_kx, axis=-1)
-    waves = PlaneWaves(offset_kx / distance_k[:, None], distance_k / array.speed_of_sound, amplitude_k / distance_k)
-    receiver = plane_wave_receiver(array)
-    return receiver.responses(waves), receiver.half
-
-
-def _at_points(
-    array: MicrophoneArray, offset_kx: npt.NDArray[np.float64], amplitude_k: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float32]:
-    """Sums spherical waves at microphones in free field, with fractional delays by windowed sinc functions."""
-    distance_mk = np.linalg.norm(array.positions[:, None] - offset_kx, axis=-1)
-    delay_mk = distance_mk / array.speed_of_sound * SAMPLE_RATE
-    whole_mk = np.floor(delay_mk + 0.5).astype(np.int64)
-    half = FRACTIONAL_DELAY_TAPS // 2
-    tap_l = np.arange(-half, half + 1)
-    late_mkl = tap_l - (delay_mk - whole_mk)[..., None]
-    window_mkl = 0.5 + 0.5 * np.cos(np.pi * late_mkl / (half + 1))
-    impulse_mkl = np.sinc(late_mkl) * window_mkl * (amplitude_k / distance_mk)[..., None]
-    place_mkl = whole_mk[..., None] + tap_l + half
-    length = int(place_mkl.max()) + 1
-    return np.stack(
-        [
-            np.bincount(place_kl.ravel(), impulse_kl.ravel(), minlength=length)
-            for place_kl, impulse_kl in zip(place_mkl, impulse_mkl, strict=True)
-        ]
-    ).astype(np.float32)

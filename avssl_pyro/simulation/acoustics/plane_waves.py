@@ -96,6 +96,10 @@ class PlaneWaveReceiver:
         window_l = 0.5 - 0.5 * np.cos(np.pi * np.minimum(edge_l, 1.0))
         return (impulse_dvml * window_l).astype(np.float32)
 
+    def impulse_responses(self, unit_vectors_dx: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """Computes the responses to waves from exact directions, (D, M, L), late by :attr:`half` samples."""
+        return self._impulses(unit_vectors_dx)[:, 0]
+
     def responses(self, waves: PlaneWaves) -> npt.NDArray[np.float32]:
         """Sums the waves at every microphone, (M, L), float32, 16 kHz, late by :attr:`half` samples."""
         start_k, version_k = np.divmod(np.round(waves.delays_k * SAMPLE_RATE * FRACTIONS).astype(np.int64), FRACTIONS)

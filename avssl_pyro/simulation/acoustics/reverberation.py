@@ -15,6 +15,7 @@ from scipy import fft
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.clip import SAMPLE_RATE
+from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.acoustics.plane_waves import PlaneWaveReceiver, PlaneWaves
 
 ORDERS_PER_SECOND = 60.0
@@ -29,6 +30,10 @@ RENDERING_CONSTANTS: dict[str, int | bool] = {
 }
 # The image method adds positive echoes only, which accumulate at 0 Hz (Allen and Berkley); voices have none there.
 HIGH_PASS_HZ = 20.0
+# Speech begins this long before a clip, so that the clip starts with reverberation.
+LEAD_SAMPLES = SAMPLE_RATE // 5
+# Longer reverberation needs an earlier beginning: the share of RT60 within which sound decays by 30 dB.
+LEAD_SHARE = 0.5
 _CONSTANTS_LOCK = Lock()
 
 
@@ -61,6 +66,18 @@ class RoomAcoustics:
         """Rotation from the array's coordinates to those of the room, (3, 3)."""
         cos, sin = np.cos(self.room_yaw), np.sin(self.room_yaw)
         return np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def eyring_absorption(rt60_s: float, dims_m: tuple[float, float, float]) -> float:
+    """Returns the share of energy that walls absorb for a reverberation time, by Eyring's formula."""
+    length, width, height = dims_m
+    surface = 2 * (length * width + length * height + width * height)
+    return float(1 - np.exp(-0.161 * length * width * height / (surface * rt60_s)))
+
+
+def reverberant_lead(rt60_s: float) -> int:
+    """Returns the duration of speech before a clip at a reverberation time, samples."""
+    return max(LEAD_SAMPLES, round(LEAD_SHARE * rt60_s * SAMPLE_RATE))
 
 
 def truncation_order(rt60_s: float) -> int:
@@ -110,9 +127,15 @@ def room_responses(
         are relative to a distance of one metre.
 
     Raises:
-        InputError: the array has measured responses.
+        InputError: the array has measured responses, or the room cannot have this reverberation time.
     """
-    absorption, _ = pra.inverse_sabine(rt60_s, room_dims_m)
+    try:
+        absorption, _ = pra.inverse_sabine(rt60_s, room_dims_m)
+    except ValueError as error:
+        raise InputError(
+            f"a room of {' x '.join(f'{side:.1f}' for side in room_dims_m)} m cannot have an RT60 of {rt60_s:.2f} s by "
+            "Sabine's formula; give a longer RT60 or a smaller room."
+        ) from error
     order = truncation_order(rt60_s) if max_order is None else max_order
     room = pra.ShoeBox(room_dims_m, fs=SAMPLE_RATE, materials=pra.Material(absorption), max_order=order)
     room.set_sound_speed(array.speed_of_sound)
@@ -132,7 +155,7 @@ def room_responses(
 
 def _at_points(room: pra.ShoeBox) -> list[npt.NDArray[np.float32]]:
     """Computes the responses (M, L) of each source, microphone by microphone."""
-    with _rendering_constants():
+    with rendering_constants():
         room.compute_rir()
     responses = []
     for per_microphone in zip(*room.rir, strict=True):
@@ -169,7 +192,8 @@ def plane_wave_receiver(array: MicrophoneArray) -> PlaneWaveReceiver:
 
 
 @contextmanager
-def _rendering_constants() -> Iterator[None]:
+def rendering_constants() -> Iterator[None]:
+    """Sets pyroomacoustics' constants for rendering, and restores them."""
     # The constants are global to the process: one thread must not restore them while another renders.
     with _CONSTANTS_LOCK:
         before = {name: pra.constants.get(name) for name in RENDERING_CONSTANTS}

@@ -4,6 +4,7 @@ import pytest
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.acoustics.reverberation import reverberate, room_responses, truncation_order
 
 ROOM = (5.0, 5.0, 3.0)
@@ -90,3 +91,8 @@ def test_reverberation_of_the_lead_sounds_into_the_clip() -> None:
     assert wet_n.shape == (2000,)
     assert wet_n[200] == pytest.approx(0.5, abs=0.02)
     assert wet_n[900] == pytest.approx(0.25, abs=0.02)
+
+
+def test_a_room_that_cannot_be_so_dry_is_refused() -> None:
+    with pytest.raises(InputError, match=r"15\.0 x 15\.0 x 5\.0 m cannot have an RT60 of 0\.15 s"):
+        room_responses(PAIR, SOURCE, room_dims_m=(15.0, 15.0, 5.0), height_m=1.3, room_yaw=0.0, rt60_s=0.15)

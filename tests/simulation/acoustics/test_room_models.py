@@ -9,10 +9,9 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.simulation.acoustics.models import (
     ImageMethod,
     ImageMethodWithTail,
-    eyring_absorption,
     room_model_from_dict,
 )
-from avssl_pyro.simulation.acoustics.reverberation import RoomAcoustics, reverberate
+from avssl_pyro.simulation.acoustics.reverberation import RoomAcoustics, eyring_absorption, reverberate
 
 NUM_SAMPLES = 24_000
 SOURCE_SX = np.array([[1.0, 0.3, 0.2]])
