@@ -88,6 +88,18 @@ def test_tracks_have_numbers_and_refined_results_come_twice_a_second(
         assert all({"track", "azimuth_deg", "azimuth_std_deg", "level"} == set(source) for source in sources)
 
 
+def test_a_softer_channel_is_named_once_for_all_windows(
+    checkpoint: Path, recording: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    samples_nm, rate = soundfile.read(recording[1])
+    soundfile.write(recording[1], samples_nm * [1, 0.25, 1, 1], rate, subtype="PCM_24")
+    assert main(arguments(checkpoint, recording, tmp_path / "out.jsonl")) == 0
+    warnings = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning:")]
+    assert warnings == [
+        f"warning: {recording[1]}: channel 2 is 12 dB softer than the others; 'avssl doctor' checks the channels."
+    ]
+
+
 def test_the_command_of_the_page_works(
     recording: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
