@@ -29,6 +29,7 @@ from avssl_pyro.systems.system import SystemConfig, build_system
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SCALING = (ROOT / "docs" / "scaling.md").read_text(encoding="utf-8")
+SIMULATION = (ROOT / "docs" / "simulation.md").read_text(encoding="utf-8")
 SMALL_TRAINING = {
     "--num-scenes": "8",
     "--optimization.epochs": "1",
@@ -183,6 +184,18 @@ def test_commands_of_the_scaling_page_are_understood() -> None:
             assert train.parse(arguments).data == (Path("/data/train"),)
         elif name == "simulate" and "--out" in arguments:
             assert simulate.parse(arguments).out == Path("/data/train")
+
+
+def test_commands_and_sample_of_the_simulation_page_are_understood(capsys: pytest.CaptureFixture[str]) -> None:
+    commands = [simulate.parse(arguments) for name, *arguments in shell_commands(SIMULATION) if name == "simulate"]
+    assert [(options.condition, options.acoustics) for options in commands] == [
+        ("wide", None),
+        ("wide", None),
+        ("wide", "ray-traced"),
+    ]
+    (sample,) = re.findall(r"```python\n(.*?)```", SIMULATION, re.DOTALL)
+    exec(compile(sample, "simulation.md", "exec"), {})
+    assert "snr_db" in capsys.readouterr().out
 
 
 def test_every_picture_and_page_is_there() -> None:

@@ -178,8 +178,7 @@ def _in_a_random_room(
 ) -> _Places:
     """Places people one after the other inside a random room, or in another room where they do not fit."""
     assert config.room is not None
-    steepest_m = max(abs(mouth_m - camera_height_m) for mouth_m in config.mouth_range_m)
-    nearest = max(config.distance_range_m[0], steepest_m / np.tan(np.deg2rad(config.max_elevation_deg)))
+    nearest = config.nearest_m(camera_height_m)
     for _ in range(PLACING_ATTEMPTS):
         dims_m, floor_m = config.room.draw(rng)
         room = RoomAcoustics(dims_m, room_yaw=float(rng.uniform(-np.pi, np.pi)), array_floor_m=floor_m)

@@ -83,6 +83,8 @@ class RoomRange:
 class SceneConfig:
     """Distribution of scenes; every range is uniform, and the defaults are those of Sec. IV.
 
+    Simulated recordings use the settings up to ``num_samples`` alone.
+
     Args:
         condition: numbers of people and talkers.
         level_range_db: power of each talker's reverberant image, averaged over microphones, relative to a reference.
@@ -158,11 +160,17 @@ class SceneConfig:
                 f"distance_range_m is {self.distance_range_m}; people must stand more than 0.2 m from the camera and "
                 f"inside the room{inside}."
             )
+        needed = max(self.nearest_m(camera_height_m) for camera_height_m in self.camera_height_range_m)
+        if self.room is not None and needed >= farthest:
+            raise InputError(
+                f"distance_range_m ends at {farthest:g} m, but mouths are within {self.max_elevation_deg:g} degrees of "
+                f"the horizon only beyond {needed:.2f} m; raise max_elevation_deg or the distance."
+            )
 
-    @property
-    def mouth_range_m(self) -> tuple[float, float]:
-        """Least and greatest height of a mouth, metres."""
-        return MOUTH_HEIGHT * self.height_range_m[0], MOUTH_HEIGHT * self.height_range_m[1]
+    def nearest_m(self, camera_height_m: float) -> float:
+        """Returns the least distance at which no mouth is above ``max_elevation_deg``, or that of the range, metres."""
+        rise_m = max(abs(MOUTH_HEIGHT * height_m - camera_height_m) for height_m in self.height_range_m)
+        return max(self.distance_range_m[0], float(rise_m / np.tan(np.deg2rad(self.max_elevation_deg))))
 
     def to_dict(self) -> dict[str, Any]:
         """Returns plain values for a manifest, without later settings at their defaults."""

@@ -130,6 +130,8 @@ def test_impossible_settings_are_refused() -> None:
         NoiseConfig(snr_range_db=(30.0, 10.0))
     with pytest.raises(InputError, match="lower than the room"):
         replace(WIDE_SCENES, room=RoomRange(height_range_m=(2.0, 5.0)))
+    with pytest.raises(InputError, match=r"only beyond 8\.21 m"):
+        replace(WIDE_SCENES, max_elevation_deg=10.0)
     crowd = replace(WIDE_SCENES, condition=Condition("crowd", (30,), (2,)))
     with pytest.raises(InputError, match="30 people do not fit"):
         draw_layout(crowd, np.random.default_rng(0))
