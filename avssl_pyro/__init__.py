@@ -30,10 +30,12 @@ if TYPE_CHECKING:
     from avssl_pyro.guides.per_clip import PerClipGuide
     from avssl_pyro.guides.refined import RefinedGuide
     from avssl_pyro.guides.refinement_config import RefinementConfig
+    from avssl_pyro.localization.direct_level import DirectLevelRule
     from avssl_pyro.localization.localizer import Localizer
-    from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource, SourceThresholds
-    from avssl_pyro.models.likelihoods import ProfiledGaussian
+    from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
+    from avssl_pyro.models.likelihoods import PrecedenceGaussian, ProfiledGaussian
     from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
+    from avssl_pyro.models.room import Room
     from avssl_pyro.models.spatial_cgmm import SpatialCGMM
     from avssl_pyro.recordings.recording import Alignment
     from avssl_pyro.separation.separator import Separator
@@ -48,6 +50,7 @@ _MODULES = {
     "AmortizedGuide": "guides.amortized",
     "Clip": "clip",
     "ClipPosterior": "localization.posterior",
+    "DirectLevelRule": "localization.direct_level",
     "DirectionGrid": "acoustics.grid",
     "InputError": "errors",
     "LocalizedSource": "localization.posterior",
@@ -56,12 +59,13 @@ _MODULES = {
     "MicrophoneArray": "acoustics.array",
     "Model": "api.model",
     "PerClipGuide": "guides.per_clip",
+    "PrecedenceGaussian": "models.likelihoods",
     "ProfiledGaussian": "models.likelihoods",
     "RefinedGuide": "guides.refined",
     "RefinementConfig": "guides.refinement_config",
     "Result": "api.result",
+    "Room": "models.room",
     "Separator": "separation.separator",
-    "SourceThresholds": "localization.posterior",
     "SparseDirichlet": "models.priors",
     "SpatialCGMM": "models.spatial_cgmm",
     "StftConfig": "acoustics.stft_config",
@@ -78,6 +82,7 @@ __all__ = [
     "AmortizedGuide",
     "Clip",
     "ClipPosterior",
+    "DirectLevelRule",
     "DirectionGrid",
     "InputError",
     "LocalizedSource",
@@ -86,12 +91,13 @@ __all__ = [
     "MicrophoneArray",
     "Model",
     "PerClipGuide",
+    "PrecedenceGaussian",
     "ProfiledGaussian",
     "RefinedGuide",
     "RefinementConfig",
     "Result",
+    "Room",
     "Separator",
-    "SourceThresholds",
     "SparseDirichlet",
     "SpatialCGMM",
     "StftConfig",

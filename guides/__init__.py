@@ -4,7 +4,6 @@ __all__ = [
     "amortized",
     "base",
     "conjugacy",
-    "diffuse",
     "diffuse_start",
     "gaussian_families",
     "initializers",

@@ -19,7 +19,6 @@ from torch import Tensor
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.acoustics.room_templates import (
-    ELEVATION_SHARES,
     DiffuseComponent,
     IsotropicField,
     SensorNoise,
@@ -56,7 +55,7 @@ class Room:
         grid: DirectionGrid,
         frequencies_hz: npt.NDArray[np.float64],
         components: tuple[DiffuseComponent, ...] = (SensorNoise(), IsotropicField()),
-        shares: tuple[tuple[float, float], ...] = ELEVATION_SHARES,
+        shares: tuple[tuple[float, float], ...] | None = None,
     ) -> "Room":
         """The room of an array in double precision.
 

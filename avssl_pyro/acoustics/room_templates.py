@@ -20,6 +20,7 @@ from avssl_pyro.validators import at_least
 
 # Elevation in degrees and share of power of what comes from an azimuth: the talker, floor and ceiling.
 ELEVATION_SHARES = ((0.0, 0.8), (35.0, 0.1), (-35.0, 0.1))
+HORIZON = ((0.0, 1.0),)
 
 
 class DiffuseComponent(Protocol):
@@ -41,21 +42,20 @@ class SensorNoise:
 
 @frozen
 class IsotropicField:
-    """Plane waves from everywhere alike: the mean of a a^H over the sphere.
+    """Plane waves from everywhere alike: the mean of a a^H over the sphere, or over the horizon.
+
+    The horizon stands for the sphere where the array's response is measured there alone.
 
     Args:
-        num_points: points of the Fibonacci lattice that the mean is taken over.
+        num_points: points of the Fibonacci lattice, or of the horizon, that the mean is taken over.
     """
 
     num_points: int = field(default=600, validator=at_least(4))
 
     def __call__(self, array: MicrophoneArray, frequencies_hz: npt.NDArray[np.float64]) -> Tensor:
-        """As of :class:`DiffuseComponent`.
-
-        Raises:
-            InputError: the array's response is not known in all directions.
-        """
-        pressure_fdm = array.steering.model(array).pressure(fibonacci_sphere(self.num_points), frequencies_hz)
+        whole = array.steering.has_elevations
+        unit_dx = fibonacci_sphere(self.num_points) if whole else DirectionGrid(self.num_points).unit_vectors
+        pressure_fdm = array.steering.model(array).pressure(unit_dx, frequencies_hz)
         a_fdm = torch.from_numpy(pressure_fdm)
         mean_fmm = torch.einsum("fdm,fdn->fmn", a_fdm, a_fdm.conj()) / self.num_points
         trace_f11 = mean_fmm.diagonal(dim1=-2, dim2=-1).real.sum(-1)[:, None, None]
@@ -67,7 +67,7 @@ def elevated_templates(
     array: MicrophoneArray,
     grid: DirectionGrid,
     frequencies_hz: npt.NDArray[np.float64],
-    shares: tuple[tuple[float, float], ...] = ELEVATION_SHARES,
+    shares: tuple[tuple[float, float], ...] | None = None,
 ) -> Tensor:
     """Templates G_fd = sum_e share_e a_fde a_fde^H of azimuths, each of trace M, complex128 (D, F, M, M).
 
@@ -75,11 +75,14 @@ def elevated_templates(
         array: array whose response is known at these elevations.
         grid: azimuths of the templates.
         frequencies_hz: frequencies, (F,).
-        shares: elevation in degrees and share of each; shares sum to 1.
+        shares: elevation in degrees and share of each; shares sum to 1. By default :data:`ELEVATION_SHARES`, or the
+            horizon alone where the array's response is measured there alone.
 
     Raises:
-        InputError: the array's response is not known there.
+        InputError: the array's response is not known at these elevations.
     """
+    if shares is None:
+        shares = ELEVATION_SHARES if array.steering.has_elevations else HORIZON
     steering = array.steering.model(array)
     total_dfmm = torch.zeros(())
     for elevation_deg, share in shares:

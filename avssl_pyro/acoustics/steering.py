@@ -57,6 +57,8 @@ class SteeringKind(Protocol):
     """True if directions differ in the phase between channels, False if in level only."""
     gains_are_free: ClassVar[bool]
     """True if the model does not fix gains and signs of the channels, which are then the device's own."""
+    has_elevations: ClassVar[bool]
+    """True if responses are known above and below the horizon."""
 
     @property
     def num_microphones(self) -> int | None:

@@ -26,6 +26,7 @@ class FreeFieldKind:
     kind: ClassVar[str] = "free-field"
     has_delays: ClassVar[bool] = True
     gains_are_free: ClassVar[bool] = True
+    has_elevations: ClassVar[bool] = True
     num_microphones: ClassVar[None] = None
     description: ClassVar[str] = "in free field"
 
@@ -54,6 +55,7 @@ class RigidSphereKind:
     kind: ClassVar[str] = "rigid-sphere"
     has_delays: ClassVar[bool] = True
     gains_are_free: ClassVar[bool] = True
+    has_elevations: ClassVar[bool] = True
     num_microphones: ClassVar[None] = None
 
     radius_m: float
@@ -97,6 +99,7 @@ class AmbisonicsKind:
     kind: ClassVar[str] = "first-order-ambisonics"
     has_delays: ClassVar[bool] = False
     gains_are_free: ClassVar[bool] = False
+    has_elevations: ClassVar[bool] = True
     num_microphones: ClassVar[int] = 4
 
     order: str = "acn"
@@ -142,6 +145,7 @@ class MeasuredKind:
     kind: ClassVar[str] = "measured"
     has_delays: ClassVar[bool] = True
     gains_are_free: ClassVar[bool] = False
+    has_elevations: ClassVar[bool] = False
 
     file: Path = field(compare=False)
     sha256: str

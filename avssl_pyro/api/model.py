@@ -18,8 +18,8 @@ from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.audio import fit_audio, read_audio
 from avssl_pyro.io.images import fit_panorama, read_image
+from avssl_pyro.localization.direct_level import DirectLevelRule
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import SourceThresholds
 from avssl_pyro.recordings.recording import Alignment
 from avssl_pyro.separation.separator import Separator
 from avssl_pyro.systems.checkpoint import load_checkpoint
@@ -41,7 +41,7 @@ def load(
     array: str | Path | MicrophoneArray | None = None,
     device: str | torch.device = "cpu",
     rounds: int = RefinementConfig().rounds,
-    thresholds: SourceThresholds | None = None,
+    rule: DirectLevelRule | None = None,
 ) -> "Model":
     """Loads a model: pretrained weights for an array, or a checkpoint of training.
 
@@ -50,7 +50,7 @@ def load(
         array: array that recorded, by preset, file or object, where a checkpoint's own has other channels.
         device: torch device of the computation.
         rounds: most rounds of refinement per clip; 0 leaves the networks' posterior, faster and less accurate.
-        thresholds: conditions under which a class counts as a source; the defaults depend on ``rounds``.
+        rule: conditions under which a class counts as a source.
 
     Raises:
         InputError: nothing has that name, a file cannot be read, or the checkpoint was trained for another array.
@@ -69,11 +69,11 @@ def load(
         if array is not None:
             raise InputError(f"load: {source} names an array already; leave out 'array', which goes with a checkpoint.")
         served = resolve_array(source)
-        return Model(load_pretrained(served).system, served, PRETRAINED_NAME, device, refinement, thresholds)
+        return Model(load_pretrained(served).system, served, PRETRAINED_NAME, device, refinement, rule)
     system = load_checkpoint(Path(source))
     served = system.config.array if array is None else resolve_array(array)
     check_trained_array(system.config.array, served, str(source))
-    return Model(system, served, str(source), device, refinement, thresholds)
+    return Model(system, served, str(source), device, refinement, rule)
 
 
 class Model:
@@ -85,7 +85,7 @@ class Model:
         weights: path of the checkpoint, or "shipped".
         device: torch device of the computation.
         refinement: settings of the refinement of every clip's posterior; None for one forward pass.
-        thresholds: conditions under which a class counts as a source.
+        rule: conditions under which a class counts as a source.
 
     Raises:
         InputError: the device is not available.
@@ -101,14 +101,14 @@ class Model:
         weights: str,
         device: str | torch.device = "cpu",
         refinement: RefinementConfig | None = None,
-        thresholds: SourceThresholds | None = None,
+        rule: DirectLevelRule | None = None,
     ) -> None:
         self.system = system
         self.array = array
         self.weights = weights
-        self.localizer = Localizer(system, device, refinement=refinement, thresholds=thresholds)
+        self.localizer = Localizer(system, device, refinement=refinement, rule=rule)
         self._refinement = refinement
-        self._thresholds = thresholds
+        self._rule = rule
 
     def __repr__(self) -> str:
         return f"Model(array='{self.array.name}', weights='{self.weights}')"
@@ -129,7 +129,7 @@ class Model:
             self.localizer.device,
             refinement=self._refinement,
             audio_only=True,
-            thresholds=self._thresholds,
+            rule=self._rule,
         )
 
     @cached_property

@@ -22,7 +22,7 @@ from avssl_pyro.evaluation.spread_calibration import (
     match_spreads,
 )
 from avssl_pyro.evaluation.tables import Column, Table
-from avssl_pyro.localization.posterior import SourceThresholds, select_sources
+from avssl_pyro.localization.direct_level import DirectLevelRule
 
 POSTERIOR_METHODS = ("amortized", "refined")
 
@@ -87,17 +87,17 @@ def run_condition(
 
 
 def _stored(
-    method: PosteriorMethod, setting: SourceThresholds, tuning: Observations, testing: Observations, index: int
+    method: PosteriorMethod, setting: DirectLevelRule, tuning: Observations, testing: Observations, index: int
 ) -> StoredPosterior:
     def spread(observed: Observations) -> SpreadErrors:
         posteriors = observed.by_method[index]
-        return match_spreads(observed.references, [select_sources(p, method.grid, setting) for p in posteriors])
+        return match_spreads(observed.references, [setting.select(p, method.grid) for p in posteriors])
 
     talking: list[float] = []
     silent: list[float] = []
     for labels, posterior in zip(testing.labels, testing.by_method[index], strict=True):
-        talking.extend(map(float, levels_of(labels.talker_azimuths, posterior, method.grid, setting.peak)))
-        silent.extend(map(float, levels_of(labels.silent_azimuths, posterior, method.grid, setting.peak)))
+        talking.extend(map(float, levels_of(labels.talker_azimuths, posterior, method.grid)))
+        silent.extend(map(float, levels_of(labels.silent_azimuths, posterior, method.grid)))
     return StoredPosterior(method.name, spread(tuning), spread(testing), tuple(talking), tuple(silent))
 
 

@@ -17,8 +17,8 @@ from avssl_pyro.evaluation.peaks import PeakSetting
 from avssl_pyro.evaluation.tables import Column, Table
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.audio import read_audio
+from avssl_pyro.localization.direct_level import DirectLevelRule
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import SourceThresholds
 from avssl_pyro.recordings.labeled_recordings import LabeledRecording
 from avssl_pyro.systems.system import SystemConfig, build_system
 
@@ -39,15 +39,15 @@ class RecordingsExperiment:
     Args:
         config: array, model and spectrogram; no trained weights are used.
         refinement: of the audio-only posterior.
-        thresholds: conditions under which a source class counts as a talker.
+        rule: conditions under which a source class counts as a talker.
         peaks: conditions under which a peak of a baseline's spectrum counts as a talker.
         pause_db: decibels below the loudest frame; frames quieter than that are left out.
         baseline_band_hz: frequencies that the baselines search.
     """
 
     config: SystemConfig
-    refinement: RefinementConfig = field(default_factory=lambda: RefinementConfig(rounds=120))
-    thresholds: SourceThresholds = field(default_factory=SourceThresholds)
+    refinement: RefinementConfig = field(default_factory=RefinementConfig)
+    rule: DirectLevelRule = field(default_factory=DirectLevelRule)
     peaks: PeakSetting = field(default_factory=lambda: PeakSetting(0.5, 4))
     pause_db: float = 20.0
     baseline_band_hz: tuple[float, float] = DEFAULT_BAND_HZ
@@ -67,7 +67,7 @@ class RecordingsExperiment:
         # One by one, for they need not be of equal length.
         method = PosteriorMethod(AUDIO_ONLY, localizer.posteriors, self.config.grid, batch_size=1)
         posteriors = method.observe_all(tqdm(clips, desc=AUDIO_ONLY))
-        return {AUDIO_ONLY: [method.decide(posterior, self.thresholds) for posterior in posteriors]}
+        return {AUDIO_ONLY: [method.decide(posterior, self.rule) for posterior in posteriors]}
 
     def _baselines(self, clips: Sequence[Clip], labelled: Sequence[Azimuths]) -> dict[str, list[Azimuths]]:
         estimates: dict[str, list[Azimuths]] = {}

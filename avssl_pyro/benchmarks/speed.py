@@ -181,7 +181,7 @@ def plain_loss(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> Tensor:
     feature_bcdt = guide.audio.direction_features(x_bfmt)
     sigma_k = guide.log_sigma_k.exp()
     w_bkd = (mu_bkd + sigma_k[:, None] * torch.randn_like(mu_bkd)).exp()
-    concentration_bk = guide.concentration(feature_bcdt, w_bkd)
+    concentration_bk = guide.concentration(guide.source_features(feature_bcdt, w_bkd))
     pi_bk = Dirichlet(concentration_bk).rsample()
     scm_bkfmm = spatial_covariance(w_bkd, system.model.template_dfmm, sizes.diffuse)
     log_pi = pi_bk.clamp_min(torch.finfo(pi_bk.dtype).tiny).log()[:, None, :, None]

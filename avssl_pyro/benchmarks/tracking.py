@@ -65,7 +65,7 @@ def _detected(truth: dict[int, float], config: DetectorConfig, rng: np.random.Ge
     azimuths += list(rng.uniform(-np.pi, np.pi, rng.poisson(config.clutter)))
     level = 0.8 / max(len(azimuths), 1)
     return tuple(
-        LocalizedSource(float(wrap_angle(azimuth)), np.deg2rad(2.0), level, 0.01, k)
+        LocalizedSource(float(wrap_angle(azimuth)), np.deg2rad(2.0), level, 0.01, level, k)
         for k, azimuth in enumerate(azimuths)
     )
 

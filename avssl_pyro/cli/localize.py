@@ -12,17 +12,12 @@ import tyro
 
 from avssl_pyro.atomic_file import write_atomically
 from avssl_pyro.cli.localize_recording import RecordingOptions, localize_recording, warn_of_gains
-from avssl_pyro.cli.options import DEFAULT_DEVICE, Device, choose_system, given, parse_options
+from avssl_pyro.cli.options import DEFAULT_DEVICE, Device, choose_system, parse_options
 from avssl_pyro.cli.outputs import check_outputs
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.io.csv_table import read_csv_table
-from avssl_pyro.localization.posterior import (
-    AUDIO_ONLY_THRESHOLDS,
-    ONE_PASS_THRESHOLDS,
-    REFINED_THRESHOLDS,
-    SourceThresholds,
-)
+from avssl_pyro.localization.direct_level import DirectLevelRule
 
 if TYPE_CHECKING:
     from avssl_pyro.api.model import Model
@@ -59,8 +54,8 @@ class LocalizeOptions:
     rounds: int = RefinementConfig().rounds
     """Most rounds of refinement, closed-form ascent that fits the posterior to a clip; 0 is the networks' answer,
     faster and much less accurate."""
-    thresholds: SourceThresholds = REFINED_THRESHOLDS
-    """Conditions under which a class counts as a source; the defaults are higher with --rounds 0."""
+    least_level: float = DirectLevelRule().least
+    """Least level of the direct sound of a source, 0 to 1; higher values report fewer sources."""
     device: Device = DEFAULT_DEVICE
     recording: Annotated[RecordingOptions, tyro.conf.arg(name="")] = field(default_factory=RecordingOptions)
     """A whole recording."""
@@ -76,13 +71,8 @@ class _ClipFiles:
 
 
 def parse(args: Sequence[str] | None = None) -> LocalizeOptions:
-    """Options of the command line; the default thresholds are those of the posterior that the options ask for."""
-    thresholds = REFINED_THRESHOLDS
-    if given("--rounds", args) == "0":
-        thresholds = ONE_PASS_THRESHOLDS
-    elif all(given(option, args) is None for option in ("--image", "--video", "--clips")):
-        thresholds = AUDIO_ONLY_THRESHOLDS
-    return parse_options(LocalizeOptions, args, LocalizeOptions(thresholds=thresholds))
+    """Options of the command line."""
+    return parse_options(LocalizeOptions, args)
 
 
 def main(args: Sequence[str] | None = None) -> int | None:
@@ -95,8 +85,7 @@ def main(args: Sequence[str] | None = None) -> int | None:
         InputError, OSError: reported in one sentence by :func:`avssl_pyro.cli.command.run`; bad input is found before
             anything is written.
     """
-    words = list(sys.argv[1:] if args is None else args)
-    options = parse(words)
+    options = parse(args)
     if options.rounds < 0:
         raise InputError(f"--rounds is {options.rounds}; give a number of rounds of refinement, or 0 for none.")
     if options.overlay is not None and options.clips is None and options.overlay.suffix.lower() != ".png":
@@ -105,9 +94,7 @@ def main(args: Sequence[str] | None = None) -> int | None:
         raise InputError(f"--separate {options.separate}: is a file; name a folder.")
     audio = _audio_of_recording(options)
     inputs = _inputs(options) if audio is None else []
-    # Without a choice of the user, clips with and without images have thresholds of their own.
-    thresholds = options.thresholds if any(word.startswith("--thresholds") for word in words) else None
-    model = _model(options, thresholds)
+    model = _model(options)
     out = None if options.out == STANDARD_OUTPUT else options.out
     if audio is not None:
         return localize_recording(options.recording, audio, out, model.array, model.localizer, options.rounds > 0)
@@ -126,13 +113,13 @@ def main(args: Sequence[str] | None = None) -> int | None:
     return None
 
 
-def _model(options: LocalizeOptions, thresholds: SourceThresholds | None) -> "Model":
+def _model(options: LocalizeOptions) -> "Model":
     from avssl_pyro.api.model import PRETRAINED_NAME, Model
 
     system, array = choose_system(options.checkpoint, options.array)
     weights = PRETRAINED_NAME if options.checkpoint is None else str(options.checkpoint)
     refinement = RefinementConfig(rounds=options.rounds) if options.rounds else None
-    return Model(system, array, weights, options.device, refinement, thresholds)
+    return Model(system, array, weights, options.device, refinement, DirectLevelRule(least=options.least_level))
 
 
 def _audio_of_recording(options: LocalizeOptions) -> Path | None:

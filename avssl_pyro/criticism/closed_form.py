@@ -110,7 +110,7 @@ def closed_form_terms(
     sigma_k = guide.log_sigma_k.exp()
     feature_bcdt = guide.audio.direction_features(x_bfmt)
     w_bkd = torch.exp(mu_bkd + sigma_k[:, None] * torch.randn_like(mu_bkd))
-    concentration_bk = guide.concentration(feature_bcdt, w_bkd)
+    concentration_bk = guide.concentration(guide.source_features(feature_bcdt, w_bkd))
     pi_bk = torch.distributions.Dirichlet(concentration_bk).rsample()
     return ClosedFormTerms(
         log_likelihood(x_bfmt, steering_fdm, w_bkd, pi_bk, diffuse),

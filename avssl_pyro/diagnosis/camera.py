@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 from avssl_pyro.acoustics.array import MicrophoneArray
-from avssl_pyro.acoustics.covariance import template_covariances
 from avssl_pyro.clip import Clip
 from avssl_pyro.diagnosis.finding import Finding, Severity
 from avssl_pyro.diagnosis.geometry import is_mirror_blind
@@ -40,7 +39,7 @@ def orientation_search(system: System) -> OrientationSearch:
     """Builds the orientation search of a trained system."""
     config = system.config
     return OrientationSearch(
-        system.guide, template_covariances(config.steering()), config.stft, config.model.diffuse, config.model.sigma
+        system.guide, system.model.template_dfmm, config.stft, config.model.diffuse, config.model.sigma
     )
 
 

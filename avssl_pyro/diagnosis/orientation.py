@@ -32,6 +32,8 @@ from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.batch import collate_clips
 from avssl_pyro.clip import Clip
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, component_log_likelihood, observe
+from avssl_pyro.guides.diffuse_start import with_diffuse_start
+from avssl_pyro.guides.refinement_config import RefinementConfig
 
 COARSE_DEG, FINE_DEG = 15.0, 5.0
 # Turns this close to the best are not its rivals, because a talker is about as wide.
@@ -40,6 +42,7 @@ NEAR_DEG = 12.5
 MODEL_ERROR = 0.08
 EM_ROUNDS = 5
 BIN_STEP, FRAME_STEP = 4, 4
+DIFFUSE_START = RefinementConfig().diffuse_start
 RESAMPLES = 1000
 PICTURES_AT_ONCE = 16
 
@@ -97,7 +100,8 @@ class OrientationSearch:
 
     Args:
         guide: guide of a trained system, in evaluation mode.
-        template_dfmm: direction templates of the spectrogram's frequencies, complex (D, F, M, M).
+        template_dfmm: templates of the spectrogram's frequencies, complex (D, F, M, M), or (D + C, F, M, M) with a
+            room.
         stft_config: configuration of the spectrogram.
         diffuse: diffuse share eps of the model.
         prior_sigma: prior standard deviation sigma_0 of the model.
@@ -134,7 +138,10 @@ class OrientationSearch:
         # The likelihood is invariant to the scale of w, and the posterior's scale differs from the prior's.
         centred_hkd = mu_hkd - mu_hkd.mean(-1, keepdim=True)
         divergence_h = kl_divergence(Normal(centred_hkd, self._guide.sigma(mu_hkd)), prior).sum((-2, -1))
-        scm_hkfmm = spatial_covariance(mu_hkd.softmax(-1), self._template_dfmm, self._diffuse)
+        # Without the audio network the diffuse share of a room is not known; that of a refinement's start serves.
+        components = len(self._template_dfmm) - mu_hkd.shape[-1]
+        log_w_hkj = with_diffuse_start(mu_hkd, components, DIFFUSE_START)
+        scm_hkfmm = spatial_covariance(log_w_hkj.softmax(-1), self._template_dfmm, self._diffuse)
         density_hfkt = component_log_likelihood(observed, scm_hkfmm[:, None])[:, 0]
         log_pi_hk = torch.full(mu_hkd.shape[:-1], -float(np.log(mu_hkd.shape[1])))
         for _ in range(EM_ROUNDS):

@@ -1,4 +1,4 @@
-"""Detection of talkers by mixing level: levels of people, their ROC curve and the area below it."""
+"""Detection of talkers by direct level: levels of people, their ROC curve and the area below it."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,8 @@ from scipy.stats import rankdata
 
 from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.evaluation.matching import angular_errors
-from avssl_pyro.localization.posterior import ClipPosterior, peak_azimuth
+from avssl_pyro.localization.direct_level import DirectLevelRule
+from avssl_pyro.localization.posterior import ClipPosterior
 
 # A person with no source class this close has level 0.
 WITHIN_DEG = 15.0
@@ -32,23 +33,20 @@ def levels_of(
     people: npt.ArrayLike,
     posterior: ClipPosterior,
     grid: DirectionGrid,
-    least_peak: float,
     within: float = float(np.deg2rad(WITHIN_DEG)),
 ) -> npt.NDArray[np.float64]:
-    """Mixing level of the source class nearest to each person, (R,), or 0 if none is near.
+    """Direct level of the source class nearest to each person, (R,), or 0 if none is near.
 
     Args:
         people: azimuths, (R,), radians.
-        posterior, grid: posterior of a clip and its directions; classes of diffuse noise are left out.
-        least_peak: smallest weight of the strongest direction of a class that is not diffuse noise.
+        posterior, grid: posterior of a clip and its directions; classes alike in all directions are left out.
         within: largest angle between a person and its class, radians.
     """
-    pointed = [k for k, weights_d in enumerate(posterior.direction_weights_kd) if weights_d.max() >= least_peak]
-    azimuths = [peak_azimuth(posterior.direction_weights_kd[k], grid) for k in pointed]
-    error_re = angular_errors(people, azimuths)
+    pointed = DirectLevelRule(least=0.0).select(posterior, grid)
+    error_re = angular_errors(people, [source.azimuth for source in pointed])
     if not pointed:
         return np.zeros(len(error_re))
-    level_e = posterior.mixing_levels_k[pointed]
+    level_e = np.array([source.direct_level for source in pointed])
     return np.where(error_re.min(axis=1) <= within, level_e[error_re.argmin(axis=1)], 0.0)
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice, product
+from itertools import islice
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -12,17 +12,13 @@ from avssl_pyro.acoustics.grid import DirectionGrid
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
 from avssl_pyro.evaluation.metrics import Azimuths, evaluate
-from avssl_pyro.localization.posterior import ClipPosterior, SourceThresholds, select_sources
+from avssl_pyro.localization.direct_level import DirectLevelRule
+from avssl_pyro.localization.posterior import ClipPosterior
 
 # Half a point of F-measure is noise on some hundred scenes.
 AS_GOOD_F = 0.005
-LEVELS = (0.01, 0.02, 0.04, 0.06, 0.09, 0.12, 0.16, 0.2, 0.25)
-PEAKS = (0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
-# Few microphones spread one talker over more directions.
-MERGES_DEG = (12.0, 20.0)
-SOURCE_SETTINGS = tuple(
-    SourceThresholds(level, peak, merge_deg) for merge_deg, level, peak in product(MERGES_DEG, LEVELS, PEAKS)
-)
+LEVELS = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.008, 0.01, 0.013, 0.016, 0.02, 0.025, 0.03, 0.04, 0.06, 0.1)
+SOURCE_SETTINGS = tuple(DirectLevelRule(level) for level in LEVELS)
 ObservationT = TypeVar("ObservationT")
 SettingT = TypeVar("SettingT")
 
@@ -117,14 +113,14 @@ class PosteriorMethod:
         posteriors: function from a batch of clips to their posteriors, in order.
         grid: directions of the posteriors.
         batch_size: largest number of clips in a batch.
-        settings: candidate thresholds.
+        settings: candidate rules.
     """
 
     name: str
     posteriors: Callable[[Sequence[Clip]], Iterable[ClipPosterior]]
     grid: DirectionGrid
     batch_size: int = 32
-    settings: Sequence[SourceThresholds] = field(default=SOURCE_SETTINGS, repr=False)
+    settings: Sequence[DirectLevelRule] = field(default=SOURCE_SETTINGS, repr=False)
 
     def observe_all(self, clips: Iterable[Clip]) -> list[ClipPosterior]:
         # Activation maps are by far the largest part of a posterior, and no threshold depends on them.
@@ -134,8 +130,8 @@ class PosteriorMethod:
             for posterior in self.posteriors(batch)
         ]
 
-    def decide(self, observation: ClipPosterior, setting: SourceThresholds) -> Azimuths:
-        return np.array([source.azimuth for source in select_sources(observation, self.grid, setting)])
+    def decide(self, observation: ClipPosterior, setting: DirectLevelRule) -> Azimuths:
+        return np.array([source.azimuth for source in setting.select(observation, self.grid)])
 
 
 def _batches(clips: Iterable[Clip], size: int) -> Iterator[list[Clip]]:

@@ -18,23 +18,24 @@ BELOW = 1 - 1e-9
 class DirectLevelRule:
     """Conditions under which a class is a source: the level of its direct sound.
 
-    With W the share of a class's weights, diffuse ones included, in ``cells`` cells of D about its peak, and W_dir that
-    of all directions,
+    Of a class with mixing level pi_k and the share e_k of diffuse sound, let W_k be the share of its direction weights
+    in ``cells`` cells of D about the peak. Its concentration and its direct level are
 
-        s_k = pi_k (W - cells / (D - cells) (W_dir - W)),
+        c_k = W_k - cells / (D - cells) (1 - W_k),    s_k = pi_k (1 - e_k) c_k^2.
 
-    so that a class alike in all directions scores 0, and so does a wholly diffuse one.
+    A class alike in all directions has c_k = 0. The concentration is squared because a field that comes from many sides,
+    though not from all alike, has a moderate one at a high level, and a quiet source has a high one at a low level.
 
     Args:
-        least: least direct level of a source, close ones taken together.
+        least: least direct level of a source, close ones taken together; chosen on simulated talkers and noise.
         cells: odd number of neighbouring directions that a source covers.
         merge_deg: angle in degrees; classes closer than this are one source.
 
-    >>> DirectLevelRule(least=0.02)
-    DirectLevelRule(least=0.02, cells=5, merge_deg=12.0)
+    >>> DirectLevelRule(least=0.01)
+    DirectLevelRule(least=0.01, cells=5, merge_deg=12.0)
     """
 
-    least: float = 0.03
+    least: float = 0.006
     cells: int = 5
     merge_deg: float = 12.0
 
@@ -54,14 +55,14 @@ class DirectLevelRule:
             raise InputError(f"DirectLevelRule: {weights_kd.shape[-1]} directions; more than {self.cells} are needed.")
         around_k = np.take_along_axis(_window_sums(weights_kd, self.cells), _peaks(weights_kd)[:, None], -1)[:, 0]
         others = self.cells / (weights_kd.shape[-1] - self.cells)
-        directional_k = 1.0 if posterior.diffuse_share_k is None else 1 - posterior.diffuse_share_k
+        concentration_k = (around_k - others * (1 - around_k)).clip(min=0)
         level_k: npt.NDArray[np.float64] = (
-            posterior.mixing_levels_k * directional_k * (around_k - others * (1 - around_k))
+            posterior.mixing_levels_k * (1 - posterior.diffuse_share_k) * concentration_k**2
         )
         return level_k
 
     def select(self, posterior: ClipPosterior, grid: DirectionGrid) -> tuple[LocalizedSource, ...]:
-        """The sources of a clip, loudest first; their level is the direct level.
+        """The sources of a clip, loudest direct sound first.
 
         Close classes are merged first and their levels added.
         """
@@ -70,8 +71,9 @@ class DirectLevelRule:
             LocalizedSource(
                 azimuth=_azimuth(weights_d, int(peak_k[k]), grid),
                 azimuth_std=float(posterior.azimuth_std_k[k]),
-                level=float(level),
-                level_std=float(posterior.level_std_k[k] * level / posterior.mixing_levels_k[k]),
+                level=float(posterior.mixing_levels_k[k]),
+                level_std=float(posterior.level_std_k[k]),
+                direct_level=float(level),
                 source_class=k,
             )
             for k, (weights_d, level) in enumerate(
@@ -80,7 +82,7 @@ class DirectLevelRule:
             # Classes without any direct sound have no direction to be merged at.
             if level > self.least / len(peak_k)
         ]
-        return tuple(source for source in merge_close(classes, self.merge_deg) if source.level >= self.least)
+        return tuple(source for source in merge_close(classes, self.merge_deg) if source.direct_level >= self.least)
 
 
 def _azimuth(weights_d: npt.NDArray[np.float64], peak: int, grid: DirectionGrid) -> float:

@@ -20,14 +20,8 @@ from avssl_pyro.guides.base import GuideParameters, PosteriorGuide
 from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.localization.posterior import (
-    AUDIO_ONLY_THRESHOLDS,
-    ONE_PASS_THRESHOLDS,
-    REFINED_THRESHOLDS,
-    ClipPosterior,
-    SourceThresholds,
-    select_sources,
-)
+from avssl_pyro.localization.direct_level import DirectLevelRule
+from avssl_pyro.localization.posterior import ClipPosterior
 from avssl_pyro.localization.results import Localization
 from avssl_pyro.systems.system import System
 
@@ -49,7 +43,7 @@ class Localizer:
         audio_only: ignore the images; the refinement starts from broad lobes around the circle instead.
         uniform_levels: ignore the audio network and give every class the level 1/K ("w/o Aud").
         guide: guide used in place of all these; it may belong to another model of the same array.
-        thresholds: conditions under which a class counts as a source; the defaults depend on the kind of posterior.
+        rule: conditions under which a class counts as a source.
         pause_db: decibels below a clip's loudest frame; frames quieter than that are left out. Pauses hold only noise,
             and every one of them lowers the levels, the shares of bins that the sources dominate.
         seed: seed of the draws behind the posterior spread of directions.
@@ -75,7 +69,7 @@ class Localizer:
         audio_only: bool = False,
         uniform_levels: bool = False,
         guide: PosteriorGuide | None = None,
-        thresholds: SourceThresholds | None = None,
+        rule: DirectLevelRule | None = None,
         pause_db: float | None = None,
         seed: int = 0,
         gains: ChannelGains | None = None,
@@ -93,7 +87,7 @@ class Localizer:
             )
         self.guide = guide.to(self.device).eval()
         self.audio_only = audio_only
-        self.thresholds = _default_thresholds(self.guide, audio_only) if thresholds is None else thresholds
+        self.rule = DirectLevelRule() if rule is None else rule
         self.uniform_levels = uniform_levels
         self.pause_db = pause_db
         self.seed = seed
@@ -118,8 +112,7 @@ class Localizer:
         """
         grid = self.config.grid
         return [
-            Localization(posterior, select_sources(posterior, grid, self.thresholds), grid)
-            for posterior in self.posteriors(clips)
+            Localization(posterior, self.rule.select(posterior, grid), grid) for posterior in self.posteriors(clips)
         ]
 
     def posteriors(self, clips: Sequence[Clip]) -> list[ClipPosterior]:
@@ -156,7 +149,7 @@ class Localizer:
 
     def _summaries(self, parameters: GuideParameters) -> list[ClipPosterior]:
         share_bkd = parameters.mu_bkd.softmax(-1)
-        diffuse_bk = _diffuse_share(parameters)
+        diffuse_bkc = _diffuse_shares(parameters)
         level_bk, level_std_bk = self._levels(parameters)
         std_bk = self._azimuth_std(parameters)
         return [
@@ -166,7 +159,7 @@ class Localizer:
                 level_std_k=level_std_bk[b].double().cpu().numpy(),
                 azimuth_std_k=std_bk[b].double().cpu().numpy(),
                 activations_kij=parameters.activation_bkij[b].float().cpu().numpy(),
-                diffuse_share_k=None if diffuse_bk is None else diffuse_bk[b].double().cpu().numpy(),
+                diffuse_shares_kc=None if diffuse_bkc is None else diffuse_bkc[b].double().cpu().numpy(),
             )
             for b in range(share_bkd.shape[0])
         ]
@@ -199,18 +192,12 @@ def _guide(system: System, refinement: RefinementConfig | None, audio_only: bool
     return system.guide if refinement is None else RefinedGuide(system.guide, system.model, refinement)
 
 
-def _default_thresholds(guide: PosteriorGuide, audio_only: bool) -> SourceThresholds:
-    if audio_only:
-        return AUDIO_ONLY_THRESHOLDS
-    return REFINED_THRESHOLDS if getattr(guide, "fits_each_clip", False) else ONE_PASS_THRESHOLDS
-
-
-def _diffuse_share(parameters: GuideParameters) -> Tensor | None:
-    """Share of the diffuse weights in all weights of a class, (B, K), or None where there are none."""
+def _diffuse_shares(parameters: GuideParameters) -> Tensor | None:
+    """Shares of the diffuse weights in all weights of a class, (B, K, C), or None where there are none."""
     if parameters.diffuse_mu_bkc is None:
         return None
     all_bkj = torch.cat([parameters.mu_bkd, parameters.diffuse_mu_bkc], dim=-1).softmax(-1)
-    return all_bkj[..., parameters.mu_bkd.shape[-1] :].sum(-1)
+    return all_bkj[..., parameters.mu_bkd.shape[-1] :]
 
 
 def _silent(posterior: ClipPosterior) -> ClipPosterior:

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.validators import within
 
 
 @dataclass(frozen=True)
@@ -22,8 +21,8 @@ class ClipPosterior:
         level_std_k: their posterior standard deviations, (K,).
         azimuth_std_k: posterior standard deviation of every class's peak direction, (K,), radians.
         activations_kij: 2-D activation maps over the image, (K, I', J'), or None without an image.
-        diffuse_share_k: share of diffuse sound in the weights of every class, (K,), which the row sums of 1 leave out;
-            None where the model has no diffuse weights.
+        diffuse_shares_kc: shares of diffuse components in all weights of a class, (K, C), which the rows of
+            ``direction_weights_kd`` leave out; None where the model has no room.
 
     >>> weights_kd = np.full((2, 72), 1 / 72)
     >>> ClipPosterior(weights_kd, np.array([0.6, 0.4]), np.full(2, 0.01), np.full(2, 0.02)).mixing_levels_k.sum()
@@ -35,35 +34,15 @@ class ClipPosterior:
     level_std_k: npt.NDArray[np.float64]
     azimuth_std_k: npt.NDArray[np.float64]
     activations_kij: npt.NDArray[np.float32] | None = None
-    diffuse_share_k: npt.NDArray[np.float64] | None = None
+    diffuse_shares_kc: npt.NDArray[np.float64] | None = None
 
-
-@dataclass(frozen=True)
-class SourceThresholds:
-    """Conditions under which a source class counts as a source.
-
-    Args:
-        level: least mixing level. The paper has 0.02; more classes and refined posteriors need more.
-        peak: least weight of the strongest direction; classes below it are diffuse noise.
-        merge_deg: angle in degrees; classes closer than this are one source.
-
-    >>> SourceThresholds(level=0.1)
-    SourceThresholds(level=0.1, peak=0.15, merge_deg=12.0)
-    """
-
-    level: float = 0.05
-    peak: float = 0.15
-    merge_deg: float = 12.0
-
-    def __post_init__(self) -> None:
-        within(0, 1).check(self, "level", "peak")
-        within(0, 180).check(self, "merge_deg")
-
-
-# Tuned on scenes in which some people are silent. One forward pass separates silent from sounding classes less well.
-REFINED_THRESHOLDS = SourceThresholds(level=0.03, peak=0.2)
-ONE_PASS_THRESHOLDS = SourceThresholds(level=0.08, peak=0.3)
-AUDIO_ONLY_THRESHOLDS = SourceThresholds()
+    @property
+    def diffuse_share_k(self) -> npt.NDArray[np.float64]:
+        """Share of all diffuse components in the weights of every class, (K,); 0 where the model has no room."""
+        if self.diffuse_shares_kc is None:
+            return np.zeros(len(self.mixing_levels_k))
+        share_k: npt.NDArray[np.float64] = self.diffuse_shares_kc.sum(-1)
+        return share_k
 
 
 @dataclass(frozen=True)
@@ -75,10 +54,12 @@ class LocalizedSource:
         azimuth_std: posterior standard deviation of the azimuth in radians.
         level: mixing level, the share of time-frequency bins that the source dominates.
         level_std: posterior standard deviation of the level.
+        direct_level: level of its direct sound, by which it counts as a source; at most ``level``.
         source_class: index k of the source class; of merged classes, that of the loudest.
         merged_classes: indices of the classes merged into it.
 
-    >>> source = LocalizedSource(azimuth=math.pi / 2, azimuth_std=0.02, level=0.4, level_std=0.05, source_class=1)
+    >>> source = LocalizedSource(azimuth=math.pi / 2, azimuth_std=0.02, level=0.4, level_std=0.05, direct_level=0.3,
+    ...     source_class=1)
     >>> source.azimuth_deg
     90.0
     """
@@ -87,6 +68,7 @@ class LocalizedSource:
     azimuth_std: float
     level: float
     level_std: float
+    direct_level: float
     source_class: int
     merged_classes: tuple[int, ...] = ()
 
@@ -121,40 +103,13 @@ def peak_azimuth(weights_d: npt.NDArray[np.float64], grid: DirectionGrid) -> flo
     return math.remainder(azimuth, 2 * math.pi)
 
 
-def select_sources(
-    posterior: ClipPosterior, grid: DirectionGrid, thresholds: SourceThresholds
-) -> tuple[LocalizedSource, ...]:
-    """The sources of a clip, loudest first (the paper's Sec. III-B.3, with close classes merged).
-
-    >>> grid = DirectionGrid(72)
-    >>> weights_kd = np.full((2, 72), 1 / 72)
-    >>> weights_kd[0] = 0.0
-    >>> weights_kd[0, 18] = 1.0
-    >>> posterior = ClipPosterior(weights_kd, np.array([0.6, 0.4]), np.full(2, 0.01), np.full(2, 0.02))
-    >>> [round(source.azimuth_deg, 1) for source in select_sources(posterior, grid, REFINED_THRESHOLDS)]
-    [87.5]
-    """
-    sources = [
-        LocalizedSource(
-            azimuth=peak_azimuth(weights_d, grid),
-            azimuth_std=float(posterior.azimuth_std_k[k]),
-            level=float(posterior.mixing_levels_k[k]),
-            level_std=float(posterior.level_std_k[k]),
-            source_class=k,
-        )
-        for k, weights_d in enumerate(posterior.direction_weights_kd)
-        if posterior.mixing_levels_k[k] >= thresholds.level and weights_d.max() >= thresholds.peak
-    ]
-    return merge_close(sources, thresholds.merge_deg)
-
-
 def merge_close(sources: list[LocalizedSource], merge_deg: float) -> tuple[LocalizedSource, ...]:
-    """The sources with those closer than ``merge_deg`` degrees made one, whose levels add; loudest first."""
+    """The sources with those closer than ``merge_deg`` degrees made one; levels add, the loudest come first."""
     # Merging moves a source, perhaps close to another; so the closest pair goes first, until none is left.
     while pair := _closest_pair(sources, np.deg2rad(merge_deg)):
         sources = [source for source in sources if source not in pair]
-        sources.append(_merge(*sorted(pair, key=lambda source: -source.level)))
-    return tuple(sorted(sources, key=lambda source: -source.level))
+        sources.append(_merge(*sorted(pair, key=lambda source: -source.direct_level)))
+    return tuple(sorted(sources, key=lambda source: -source.direct_level))
 
 
 def _closest_pair(sources: list[LocalizedSource], within: float) -> tuple[LocalizedSource, LocalizedSource] | None:
@@ -169,16 +124,17 @@ def _closest_pair(sources: list[LocalizedSource], within: float) -> tuple[Locali
 
 
 def _merge(louder: LocalizedSource, other: LocalizedSource) -> LocalizedSource:
-    level = louder.level + other.level
-    share = other.level / level if level > 0 else 0.5
+    direct_level = louder.direct_level + other.direct_level
+    share = other.direct_level / direct_level if direct_level > 0 else 0.5
     offset = float(wrap_angle(other.azimuth - louder.azimuth))
     # Moments of the two-component mixture of directions, and the sum of two levels taken as independent.
     spread = (1 - share) * louder.azimuth_std**2 + share * other.azimuth_std**2 + share * (1 - share) * offset**2
     return LocalizedSource(
         azimuth=float(wrap_angle(louder.azimuth + share * offset)),
         azimuth_std=float(np.sqrt(spread)),
-        level=level,
+        level=louder.level + other.level,
         level_std=float(np.hypot(louder.level_std, other.level_std)),
+        direct_level=direct_level,
         source_class=louder.source_class,
         merged_classes=(*louder.merged_classes, *other.classes),
     )

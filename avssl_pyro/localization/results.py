@@ -48,6 +48,7 @@ class Localization:
                     "azimuth_std_deg": _degrees(source.azimuth_std),
                     "level": round(source.level, 4),
                     "level_std": round(source.level_std, 4),
+                    "direct_level": round(source.direct_level, 4),
                     "source_class": source.source_class,
                 }
                 | ({} if separated is None else {"separated": str(separated[s])})
@@ -57,5 +58,6 @@ class Localization:
             "direction_weights": [
                 [round(float(weight), 6) for weight in weights_d] for weights_d in posterior.direction_weights_kd
             ],
+            "diffuse_shares": [round(float(share), 6) for share in posterior.diffuse_share_k],
             "directions_deg": [_degrees(azimuth) for azimuth in self.grid.azimuths],
         }

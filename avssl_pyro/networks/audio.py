@@ -1,9 +1,13 @@
 """Audio network from beamformed log power to mixing levels (Fig. 3 b)."""
 
+import math
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
+
+# Power of all diffuse components relative to that of the directions, before training.
+INITIAL_DIFFUSE_RATIO = 0.1
 
 
 class DilatedSeparableConv(nn.Module):
@@ -49,6 +53,8 @@ class AudioNet(nn.Module):
         most_bins: largest number of frequencies; every n-th frequency is used, which preserves the information on
             directions at a fraction of the cost.
         pooled_frames: number of frames averaged in power before the logarithm.
+        num_diffuse: number of diffuse components whose power relative to the directions is estimated too, see
+            :meth:`log_diffuse_ratios`.
     """
 
     def __init__(
@@ -60,6 +66,7 @@ class AudioNet(nn.Module):
         dropout: float = 0.1,
         most_bins: int = 96,
         pooled_frames: int = 3,
+        num_diffuse: int = 0,
     ) -> None:
         super().__init__()
         self.bins = slice(None, None, -(-steering_fdm.shape[0] // most_bins))
@@ -80,6 +87,11 @@ class AudioNet(nn.Module):
             nn.Linear(channels, channels, bias=False),
         )
         self.affine = nn.Linear(channels, 1)
+        self.num_diffuse = num_diffuse
+        if num_diffuse:
+            self.affine_diffuse = nn.Linear(channels, num_diffuse)
+            nn.init.zeros_(self.affine_diffuse.weight)
+            nn.init.constant_(self.affine_diffuse.bias, math.log(INITIAL_DIFFUSE_RATIO / num_diffuse))
 
     @torch.no_grad()
     def _log_power(self, x_bfmt: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -121,8 +133,8 @@ class AudioNet(nn.Module):
         features: Tensor = self.over_directions(self.embed_norm(embedded.unflatten(-1, (num_directions, -1))))
         return features
 
-    def levels(self, feature_bcdt: Tensor, share_bkd: Tensor) -> Tensor:
-        """Returns mixing levels pi_bar, (P..., B, K).
+    def source_features(self, feature_bcdt: Tensor, share_bkd: Tensor) -> Tensor:
+        """Returns features of every source, (P..., B, K, C), compared with those of all sources.
 
         Args:
             feature_bcdt: result of :meth:`direction_features`, (B, C, D, T').
@@ -137,8 +149,18 @@ class AudioNet(nn.Module):
         pooled_bpkc = self.over_sources(source_bckt).mean(dim=-1).transpose(1, 2).unflatten(1, (-1, k))
         others_bpkc = [pooled_bpkc.mean(-2, keepdim=True), pooled_bpkc.amax(-2, keepdim=True)]
         compared_bpkc = torch.cat([pooled_bpkc, *(other.expand_as(pooled_bpkc) for other in others_bpkc)], dim=-1)
-        logit_bpk = self.affine(pooled_bpkc + self.beside(compared_bpkc)).squeeze(-1)
-        return logit_bpk.transpose(0, 1).reshape(*particles, b, k).softmax(dim=-1)
+        described_bpkc = pooled_bpkc + self.beside(compared_bpkc)
+        return described_bpkc.transpose(0, 1).reshape(*particles, b, k, -1)
+
+    def levels(self, source_bkc: Tensor) -> Tensor:
+        """Returns mixing levels pi_bar, (P..., B, K), from the features of sources."""
+        level_bk: Tensor = self.affine(source_bkc).squeeze(-1).softmax(dim=-1)
+        return level_bk
+
+    def log_diffuse_ratios(self, source_bkc: Tensor) -> Tensor:
+        """Returns the log power of diffuse components relative to the directions' of a source, (P..., B, K, C')."""
+        ratio_bkc: Tensor = self.affine_diffuse(source_bkc)
+        return ratio_bkc
 
     def forward(self, x_bfmt: Tensor, share_bkd: Tensor) -> Tensor:
         """Returns mixing levels pi_bar_bk of Eq. (2).
@@ -147,4 +169,4 @@ class AudioNet(nn.Module):
             x_bfmt: spectrogram, (B, F, M, T).
             share_bkd: weights of the sources over directions, which sum to 1, (P..., B, K, D).
         """
-        return self.levels(self.direction_features(x_bfmt), share_bkd)
+        return self.levels(self.source_features(self.direction_features(x_bfmt), share_bkd))

@@ -25,12 +25,16 @@ def posterior_masks(
 
     Args:
         observed: spectrogram of any band.
-        template_dfmm: templates of that band, complex128 (D, F, M, M).
+        template_dfmm: templates of that band, complex128 (D, F, M, M), or (D + C, F, M, M) with a room.
         posterior: posterior of the clip.
         diffuse: diffuse power eps of the model.
     """
     tiny = torch.finfo(torch.float64).tiny
-    w_kd = torch.from_numpy(posterior.direction_weights_kd).to(template_dfmm.device).clamp_min(tiny)
+    w_kd = torch.from_numpy(posterior.direction_weights_kd)
+    if posterior.diffuse_shares_kc is not None:
+        diffuse_kc = torch.from_numpy(posterior.diffuse_shares_kc)
+        w_kd = torch.cat([w_kd * (1 - diffuse_kc.sum(-1, keepdim=True)), diffuse_kc], dim=-1)
+    w_kd = w_kd.to(template_dfmm.device).clamp_min(tiny)
     pi_k = torch.from_numpy(posterior.mixing_levels_k).to(template_dfmm.device)
     num_frames = observed.features_bfct.shape[-1]
     return SpatialMixture(template_dfmm, w_kd, pi_k / pi_k.sum(), num_frames=num_frames, diffuse=diffuse).masks(

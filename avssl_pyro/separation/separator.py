@@ -1,7 +1,7 @@
 """Separation of the localized sources of a clip by the masks of its posterior."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -82,8 +82,10 @@ class Separator:
                 f"{num_microphones} microphones; give 0 to {num_microphones - 1}."
             )
         self._diffuse = system.model.diffuse
-        self._template_dfmm = template_covariances(
-            system.array.steering_vectors(system.grid, self.config.stft.frequencies)
+        whole_band = replace(system, stft=self.config.stft)
+        room = whole_band.room()
+        self._template_dfmm = (
+            template_covariances(whole_band.steering(torch.complex128)) if room is None else room.template_jfmm
         )
 
     @torch.no_grad()

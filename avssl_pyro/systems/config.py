@@ -25,6 +25,8 @@ class ModelConfig:
         sigma: scale of the log-normal prior of direction weights (sigma_0).
         diffuse: diffuse power relative to the summed weights (epsilon).
         bin_weight: multiplicity of every observed time-frequency bin, where the STFT leaves some out.
+        room: whether every class has a share of sensor noise and of an isotropic field, talkers may be a little above
+            or below the horizon, and onsets count more than what may be their reverberation.
     """
 
     num_sources: int = field(default=4, validator=at_least(1))
@@ -33,6 +35,7 @@ class ModelConfig:
     sigma: float = field(default=1.0, validator=positive)
     diffuse: float = field(default=0.1, validator=at_least(LEAST_DIFFUSE))
     bin_weight: float = field(default=1.0, validator=positive)
+    room: bool = False
 
 
 @frozen

@@ -13,7 +13,9 @@ from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.clip import SAMPLE_RATE
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide, UniformLevelGuide
+from avssl_pyro.models.likelihoods import Likelihood, PrecedenceGaussian, ProfiledGaussian
 from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
+from avssl_pyro.models.room import Room
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
 from avssl_pyro.networks.visual import VisualNet
@@ -50,6 +52,16 @@ class SystemConfig:
         """Steering vectors of the array, (F, D, M)."""
         return self.array.steering_vectors(self.grid, self.stft.frequencies).to(dtype)
 
+    def room(self) -> Room | None:
+        """The room of the array, in double precision; None without one."""
+        return Room.of_array(self.array, self.grid, self.stft.frequencies) if self.model.room else None
+
+    def likelihood(self) -> Likelihood:
+        """The likelihood of a spectrogram."""
+        if not self.model.room:
+            return ProfiledGaussian()
+        return PrecedenceGaussian(frame_s=self.stft.hop / self.stft.sample_rate)
+
 
 @dataclass(frozen=True)
 class System:
@@ -79,6 +91,7 @@ class System:
             "diffuse": own.diffuse,
             "bin_weight": own.bin_weight,
             "likelihood": own.likelihood,
+            "room": own.room,
         }
         return SpatialCGMM(self.config.steering(), **{**usual, **parts}).to(own.template_pairs.device)
 
@@ -108,8 +121,11 @@ def build_system(config: SystemConfig, dtype: torch.dtype = torch.float32) -> Sy
     Parameters live in the modules, not in Pyro's global store, so that torch optimizers, deep copies and data
     parallelism see them.
     """
-    steering_fdm = config.steering(torch.complex128 if dtype == torch.float64 else torch.complex64)
+    dtype_of_x = torch.complex128 if dtype == torch.float64 else torch.complex64
+    steering_fdm = config.steering(dtype_of_x)
     options, sizes = config.guide, config.model
+    room = config.room()
+    num_diffuse = 0 if room is None else room.num_components
     with pyro.settings.context(module_local_params=True):
         model = SpatialCGMM(
             steering_fdm,
@@ -118,6 +134,8 @@ def build_system(config: SystemConfig, dtype: torch.dtype = torch.float32) -> Sy
             direction_prior=LogNormalWeights(sizes.sigma),
             diffuse=sizes.diffuse,
             bin_weight=sizes.bin_weight,
+            likelihood=config.likelihood(),
+            room=room,
         )
         visual = VisualNet(
             sizes.num_sources - options.diffuse_class,
@@ -130,10 +148,10 @@ def build_system(config: SystemConfig, dtype: torch.dtype = torch.float32) -> Sy
             options.augment,
         )
         if options.audio_net:
-            audio = AudioNet(steering_fdm, options.audio_channels, dropout=options.dropout)
+            audio = AudioNet(steering_fdm, options.audio_channels, dropout=options.dropout, num_diffuse=num_diffuse)
             guide: AmortizedGuide | UniformLevelGuide = AmortizedGuide(
                 visual, audio, options.initial_sigma, options.initial_beta, options.diffuse_class
             )
         else:
-            guide = UniformLevelGuide(visual, options.initial_sigma, options.diffuse_class)
+            guide = UniformLevelGuide(visual, options.initial_sigma, options.diffuse_class, num_diffuse)
         return System(config, model.to(dtype), guide.to(dtype))

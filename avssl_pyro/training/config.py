@@ -124,9 +124,9 @@ class TrainingConfig:
 # times as fast and localize no worse. With eight sectors, two people rarely compete for one class; a ninth class models
 # diffuse noise.
 _FAST = TrainingConfig(
-    model=ModelConfig(num_sources=9, bin_weight=3.0),
+    model=ModelConfig(num_sources=9, bin_weight=3.0, diffuse=0.01, room=True),
     guide=GuideConfig(diffuse_class=True, anchor_gain=3.0, augment=True),
-    stft=StftConfig(hop=256, low_hz=200.0, high_hz=4000.0, bin_step=2),
+    stft=StftConfig(hop=256, low_hz=200.0, high_hz=7000.0, bin_step=3),
     targets=DistillationConfig(weight=0.03, level_weight=4.0),
 )
 PRESETS: dict[str, TrainingConfig] = {

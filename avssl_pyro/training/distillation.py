@@ -6,8 +6,9 @@ MAP-EM refines the posterior of a clip from the visual network's log-weights and
     L = -ELBO / bins + strength (weight CE_directions + level_weight CE_levels)
 
 CE_directions compares the distributions of power over directions, mixed over classes, so the class of a source is
-free. CE_levels compares levels class by class and trains the audio network alone; its gradient would move the visual
-network to directions with easily predicted levels. No labels are used.
+free. CE_levels compares levels class by class, and in a model with a room the shares of diffuse components of every
+class. It trains the audio network alone; its gradient would move the visual network to directions with easily predicted
+levels. No labels are used.
 """
 
 import math
@@ -18,14 +19,17 @@ from pyro.infer import Trace_ELBO
 from torch import Tensor, nn
 
 from avssl_pyro.distributions.map_em import MapEMState
-from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.guides.amortized import AmortizedGuide, diffuse_mu
 from avssl_pyro.guides.conjugacy import check_map_em, map_em_of
+from avssl_pyro.guides.diffuse_start import with_diffuse_start
+from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.training.config import DistillationConfig
 from avssl_pyro.training.elbo_terms import ElboTermsMixin
 
 # Close to the common factor of 2, and safe for a fixed number of rounds.
 OVERRELAXATION = 1.8
+DIFFUSE_START = RefinementConfig().diffuse_start
 
 
 class DistillationLoss(nn.Module):
@@ -87,26 +91,50 @@ class DistillationLoss(nn.Module):
         mu_bkd = mu_pbkd.reshape(-1, *mu_pbkd.shape[-3:])[0]
         level_pbk = level_posterior.mean
         pi_bk = level_pbk.reshape(-1, *level_pbk.shape[-2:]).mean(0)
+        d = mu_bkd.shape[-1]
         with torch.autocast(x_bfmt.device.type, enabled=False):
             target = self._refine(x_bfmt, mu_bkd.detach())
-            target_share_bkd = target.log_w_bkd.softmax(-1) @ self._kernel(mu_bkd)
-            target_bo = log_outcomes(target_share_bkd.log(), target.pi_bk.log(), self._num_directed).exp()
-            log_outcome_bo = log_outcomes(mu_bkd.log_softmax(-1), pi_bk.log(), self._num_directed)
+            target_share_bkj = target.log_w_bkd.softmax(-1)
+            directed_bkd = target_share_bkj[..., :d] @ self._kernel(mu_bkd)
+            target_log_bkj = torch.cat([directed_bkd, target_share_bkj[..., d:]], dim=-1).log()
+            target_bo = log_outcomes(target_log_bkj, target.pi_bk.log(), self._num_directed, d).exp()
+            log_share_bkj = torch.cat([mu_bkd, *self._diffuse_mu(trace, mu_bkd)], dim=-1).log_softmax(-1)
+            log_outcome_bo = log_outcomes(log_share_bkj, pi_bk.log(), self._num_directed, d)
         of_directions = -(target_bo * log_outcome_bo).sum(-1).mean()
         (guide,) = self._guide
         if guide is None or not self._config.level_weight:
             return of_directions, torch.zeros_like(of_directions)
         # At the weights by which levels are predicted when clips are localized, Eq. (1).
         feature_bcdt = guide.audio.direction_features(x_bfmt)
-        concentration_bk = guide.concentration(feature_bcdt, mu_bkd.detach().softmax(-1))
+        mu_bkd = mu_bkd.detach()
+        source_bkc = guide.source_features(feature_bcdt, mu_bkd.softmax(-1))
+        concentration_bk = guide.concentration(source_bkc)
         log_level_bk = (concentration_bk / concentration_bk.sum(-1, keepdim=True)).log()
+        if guide.num_diffuse:
+            diffuse_bkc = diffuse_mu(mu_bkd, guide.log_diffuse_ratios(source_bkc))
+            log_share_bkj = torch.cat([mu_bkd, diffuse_bkc], dim=-1).log_softmax(-1)
+            log_level_bk = log_level_bk - split_entropy(target_share_bkj, log_share_bkj, d)
         return of_directions, -(target.pi_bk * log_level_bk).sum(-1).mean()
+
+    def _diffuse_mu(self, trace: Any, mu_bkd: Tensor) -> tuple[Tensor, ...]:
+        """Means of log e at the means of log w, (B, K, C), where the model has a room."""
+        (model,) = self._model
+        if model.room is None:
+            return ()
+        drawn_pbkd, mu_pbkc = (
+            trace.nodes["direction_weights"]["value"].log(),
+            trace.nodes["diffuse_weights"]["fn"].base_dist.loc,
+        )
+        log_ratio_pbkc = mu_pbkc - drawn_pbkd.logsumexp(-1, keepdim=True)
+        return (diffuse_mu(mu_bkd, log_ratio_pbkc.reshape(-1, *log_ratio_pbkc.shape[-3:])[0]),)
 
     @torch.no_grad()
     def _refine(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MapEMState:
         (model,) = self._model
         map_em = map_em_of(model, x_bfmt, mu_bkd, frame_step=self._config.frame_step)
-        return map_em.fit(self._config.softening * mu_bkd, self._config.rounds, overrelaxation=OVERRELAXATION)
+        components = 0 if model.room is None else model.room.num_components
+        start_bkj = with_diffuse_start(self._config.softening * mu_bkd, components, DIFFUSE_START)
+        return map_em.fit(start_bkj, self._config.rounds, overrelaxation=OVERRELAXATION)
 
     def _kernel(self, like_bkd: Tensor) -> Tensor:
         """A von Mises kernel over directions, (D, D), each row summing to 1."""
@@ -116,18 +144,29 @@ class DistillationLoss(nn.Module):
         return (concentration * (angle_d[:, None] - angle_d).cos()).softmax(-1)
 
 
-def log_outcomes(log_share_bkd: Tensor, log_pi_bk: Tensor, num_directed: int) -> Tensor:
+def log_outcomes(log_share_bkj: Tensor, log_pi_bk: Tensor, num_directed: int, num_directions: int) -> Tensor:
     """Log distribution of the power over directions, sum_k pi_k w_kd, and over no direction, (B, O).
 
     Logarithms keep the gradient of shares that a softmax rounds to zero.
 
     Args:
-        log_share_bkd: log w, normalised over the directions.
+        log_share_bkj: log w and log e, together normalised, (B, K, D + C).
         log_pi_bk: logarithms of the mixing levels.
-        num_directed: number of leading classes with directions; O is D if these are all, otherwise D + 1.
+        num_directed: number of leading classes with directions.
+        num_directions: D; O is D if all is directed, otherwise D + 1.
     """
-    n = num_directed
-    directed_bd = (log_pi_bk[:, :n, None] + log_share_bkd[:, :n]).logsumexp(1)
-    if n == log_pi_bk.shape[1]:
+    n, d = num_directed, num_directions
+    directed_bd = (log_pi_bk[:, :n, None] + log_share_bkj[:, :n, :d]).logsumexp(1)
+    diffuse_bn = (log_pi_bk[:, :n, None] + log_share_bkj[:, :n, d:]).flatten(1)
+    rest_bn = torch.cat([diffuse_bn, log_pi_bk[:, n:]], dim=-1)
+    if not rest_bn.shape[-1]:
         return directed_bd
-    return torch.cat([directed_bd, log_pi_bk[:, n:].logsumexp(-1, keepdim=True)], dim=-1)
+    return torch.cat([directed_bd, rest_bn.logsumexp(-1, keepdim=True)], dim=-1)
+
+
+def split_entropy(target_share_bkj: Tensor, log_share_bkj: Tensor, num_directions: int) -> Tensor:
+    """Cross-entropy of the split of every class into all directions together and its diffuse components, (B, K)."""
+    d = num_directions
+    target_bk = torch.cat([target_share_bkj[..., :d].sum(-1, keepdim=True), target_share_bkj[..., d:]], dim=-1)
+    log_bk = torch.cat([log_share_bkj[..., :d].logsumexp(-1, keepdim=True), log_share_bkj[..., d:]], dim=-1)
+    return -(target_bk * log_bk).sum(-1)

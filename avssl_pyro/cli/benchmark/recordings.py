@@ -11,7 +11,7 @@ from attrs import evolve
 from avssl_pyro.cli.options import DEFAULT_SEED, AssetOptions, Seed, choose_system, parse_options
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.localization.posterior import SourceThresholds
+from avssl_pyro.localization.direct_level import DirectLevelRule
 from avssl_pyro.training.config import PRESETS
 
 if TYPE_CHECKING:
@@ -44,11 +44,11 @@ class RecordingsOptions:
     """Array of the recordings: a preset or a YAML file."""
     num_classes: int = 9
     """Number of source classes of the model, one of them for noise."""
-    rounds: int = 120
+    rounds: int = RefinementConfig().rounds
     """Largest number of rounds of refinement."""
     pause_db: float = 20.0
     """Level in decibels below the loudest frame of a recording; quieter frames are pauses and are left out."""
-    thresholds: SourceThresholds = field(default_factory=SourceThresholds)
+    rule: DirectLevelRule = field(default_factory=DirectLevelRule)
     """Conditions under which a source class counts as a talker."""
     peaks: BaselinePeaks = field(default_factory=BaselinePeaks)
     baseline_band_hz: tuple[float, float] = (500.0, 4000.0)
@@ -92,7 +92,7 @@ def recordings(args: Sequence[str] | None = None) -> None:
             resolve_array(options.array), evolve(preset.model, num_sources=options.num_classes), stft=preset.stft
         ),
         RefinementConfig(rounds=options.rounds),
-        options.thresholds,
+        options.rule,
         PeakSetting(peaks.threshold, peaks.most),
         options.pause_db,
         options.baseline_band_hz,

@@ -32,8 +32,8 @@ class TrackingOptions:
     """Array of rendered recordings: a preset or a YAML file."""
     num_classes: int = 5
     """Number of source classes of the model for rendered recordings, one of them for noise."""
-    rounds: int = 90
-    """Largest number of rounds of refinement; audio alone needs many."""
+    rounds: int = RefinementConfig().rounds
+    """Largest number of rounds of refinement."""
     audio: MovingAudioConfig = field(default_factory=MovingAudioConfig)
     tolerance_deg: float = 10.0
     """Largest error in degrees that counts as correct."""
