@@ -11,13 +11,11 @@ import soundfile
 import avssl_pyro as av
 from avssl_pyro.acoustics.presets import resolve_array
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.localization.posterior import select_sources
 
 ROOT = Path(__file__).resolve().parent.parent
 OPTIONS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 OBJECTS = {name: getattr(av, name) for name in av.__all__} | {
     "resolve_array": resolve_array,
-    "select_sources": select_sources,
     "Model.localize": av.Model.localize,
 }
 

@@ -42,7 +42,7 @@ def levels_of(
         posterior, grid: posterior of a clip and its directions; classes alike in all directions are left out.
         within: largest angle between a person and its class, radians.
     """
-    pointed = DirectLevelRule(least=0.0).select(posterior, grid)
+    pointed = DirectLevelRule(least=0.0, merge_deg=0.0).select(posterior, grid)
     error_re = angular_errors(people, [source.azimuth for source in pointed])
     if not pointed:
         return np.zeros(len(error_re))

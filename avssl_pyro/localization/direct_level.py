@@ -12,6 +12,8 @@ from avssl_pyro.validators import Requirement, within
 
 # A neighbour of the peak is at most this part of it.
 BELOW = 1 - 1e-9
+# A flat class has a level of 0 but for rounding.
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -23,8 +25,8 @@ class DirectLevelRule:
 
         c_k = W_k - cells / (D - cells) (1 - W_k),    s_k = pi_k (1 - e_k) c_k^2.
 
-    A class alike in all directions has c_k = 0. The concentration is squared because a field that comes from many sides,
-    though not from all alike, has a moderate one at a high level, and a quiet source has a high one at a low level.
+    A class alike in all directions has c_k = 0. The concentration is squared because a field from many sides, though
+    not from all alike, has a moderate one at a high level; a quiet source has a high one at a low level.
 
     Args:
         least: least direct level of a source, close ones taken together; chosen on simulated talkers and noise.
@@ -80,7 +82,7 @@ class DirectLevelRule:
                 zip(posterior.direction_weights_kd, self.direct_levels(posterior), strict=True)
             )
             # Classes without any direct sound have no direction to be merged at.
-            if level > self.least / len(peak_k)
+            if level > max(self.least / len(peak_k), ROUNDING)
         ]
         return tuple(source for source in merge_close(classes, self.merge_deg) if source.direct_level >= self.least)
 

@@ -15,7 +15,6 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.datasets.dataset import SceneDataset
 from avssl_pyro.io.images import save_png
 from avssl_pyro.io.video_writer import open_video
-from avssl_pyro.localization.posterior import AUDIO_ONLY_THRESHOLDS, ONE_PASS_THRESHOLDS, REFINED_THRESHOLDS
 from avssl_pyro.systems.checkpoint import save_checkpoint
 from avssl_pyro.systems.config import GuideConfig
 from avssl_pyro.training.config import OptimizationConfig
@@ -74,7 +73,6 @@ def test_without_an_image_the_audio_alone_decides(files: tuple[Path, Path]) -> N
     result = model.localize(files[0])
     assert result.sources
     assert "image" not in result.to_dict()
-    assert model.audio_only_localizer.thresholds == AUDIO_ONLY_THRESHOLDS
     drawing = result.plot()
     assert drawing.dtype == np.uint8
     assert drawing.shape[-1] == 3
@@ -122,10 +120,11 @@ def test_a_model_is_a_preset_an_array_file_an_array_or_a_checkpoint(model: av.Mo
         av.load(path, array="circle6")
 
 
-def test_rounds_decide_the_thresholds(model: av.Model, clip: av.Clip) -> None:
-    assert model.localizer.thresholds == REFINED_THRESHOLDS
+def test_one_rule_decides_for_all_starts(model: av.Model, clip: av.Clip) -> None:
     one_pass = av.load("circle4", rounds=0)
-    assert one_pass.localizer.thresholds == ONE_PASS_THRESHOLDS
+    assert model.localizer.rule == model.audio_only_localizer.rule == one_pass.localizer.rule == av.DirectLevelRule()
+    strict = av.load("circle4", rounds=5, rule=av.DirectLevelRule(least=1.0))
+    assert strict.localize(clip.audio_mn, clip.image_ijc).sources == ()
     with pytest.raises(av.InputError, match="without an image the posterior comes from refinement alone"):
         one_pass.localize(clip.audio_mn)
 

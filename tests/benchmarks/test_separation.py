@@ -17,7 +17,7 @@ from avssl_pyro.benchmarks.separation_methods import (
 )
 from avssl_pyro.clip import Clip
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import ClipPosterior, SourceThresholds
+from avssl_pyro.localization.posterior import ClipPosterior
 from avssl_pyro.separation.beamforming import Masking, WienerFilter
 from avssl_pyro.separation.separator import Separator
 from avssl_pyro.simulation.scene_config import Condition, SceneConfig
@@ -40,7 +40,7 @@ class Told(Localizer):
 
     def __init__(self, azimuths: Sequence[float]) -> None:
         torch.manual_seed(0)
-        super().__init__(build_system(SYSTEM), thresholds=SourceThresholds())
+        super().__init__(build_system(SYSTEM))
         self.azimuths = azimuths
 
     def posteriors(self, clips: Sequence[Clip]) -> list[ClipPosterior]:

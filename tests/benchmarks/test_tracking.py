@@ -18,7 +18,7 @@ TOLERANCE = float(np.deg2rad(10))
 
 
 def window(time_s: float, *azimuths_deg: float) -> WindowDetections:
-    found = tuple(LocalizedSource(float(np.deg2rad(one)), 0.03, 0.3, 0.01, 0) for one in azimuths_deg)
+    found = tuple(LocalizedSource(float(np.deg2rad(one)), 0.03, 0.3, 0.01, 0.3, 0) for one in azimuths_deg)
     return WindowDetections(time_s, found)
 
 

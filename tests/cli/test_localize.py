@@ -14,6 +14,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.localize import main, parse
 from avssl_pyro.datasets.dataset import SceneDataset
+from avssl_pyro.localization.direct_level import DirectLevelRule
 
 ARRAY = PRESETS["circle4"]
 
@@ -37,7 +38,7 @@ def test_the_result_is_documented_and_the_overlay_a_picture(
     checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
 ) -> None:
     out, overlay = tmp_path / "result.json", tmp_path / "overlay.png"
-    main(arguments(checkpoint, *clip, out, "--overlay", str(overlay), "--thresholds.peak", "0", "--array", "circle4"))
+    main(arguments(checkpoint, *clip, out, "--overlay", str(overlay), "--least-level", "0", "--array", "circle4"))
     result = json.loads(out.read_text())
     assert result["format"] == "avssl-result/1"
     assert np.array(result["direction_weights"]).shape == (4, 72)
@@ -55,12 +56,9 @@ def test_the_result_is_documented_and_the_overlay_a_picture(
     assert picture.shape[1] >= 1152
 
 
-def test_one_pass_must_be_surer_to_name_a_source_than_a_refined_answer() -> None:
-    refined, one_pass = parse(["--out", "x"]).thresholds, parse(["--out", "x", "--rounds", "0"]).thresholds
-    assert one_pass.level > refined.level
-    assert one_pass.peak > refined.peak
-    given = parse(["--out", "x", "--rounds", "0", "--thresholds.peak", "0.1"]).thresholds
-    assert (given.level, given.peak) == (one_pass.level, 0.1)
+@pytest.mark.parametrize("words", [[], ["--rounds", "0"], ["--image", "picture.png"]])
+def test_every_kind_of_answer_has_one_default_of_what_is_a_source(words: list[str]) -> None:
+    assert parse(["--out", "x", *words]).least_level == DirectLevelRule().least
 
 
 def test_another_rate_and_a_full_sphere_give_the_same_sources(
@@ -316,7 +314,7 @@ def test_every_source_gets_its_sound_in_a_file_that_the_result_names(
     checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
 ) -> None:
     out, folder = tmp_path / "result.json", tmp_path / "sounds"
-    main(arguments(checkpoint, *clip, out, "--separate", str(folder), "--thresholds.peak", "0"))
+    main(arguments(checkpoint, *clip, out, "--separate", str(folder), "--least-level", "0"))
     sources = json.loads(out.read_text())["sources"]
     assert sources
     assert {Path(source["separated"]) for source in sources} == set(folder.iterdir())
@@ -343,7 +341,7 @@ def test_clips_of_a_manifest_keep_their_sounds_apart(checkpoint: Path, clip: tup
 def test_nothing_is_separated_of_a_silent_clip_or_unless_asked(
     checkpoint: Path, clip: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    main(arguments(checkpoint, *clip, tmp_path / "plain.json", "--thresholds.peak", "0"))
+    main(arguments(checkpoint, *clip, tmp_path / "plain.json", "--least-level", "0"))
     assert "separated" not in json.loads((tmp_path / "plain.json").read_text())["sources"][0]
     soundfile.write(clip[1], np.zeros((16_000, 4)), 16_000)
     main(arguments(checkpoint, *clip, tmp_path / "silent.json", "--separate", str(tmp_path / "sounds")))

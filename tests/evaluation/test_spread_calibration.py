@@ -20,7 +20,7 @@ NOTHING = SpreadErrors(np.empty(0), np.empty(0))
 
 
 def source(azimuth, std):
-    return LocalizedSource(azimuth, std, 0.5, 0.1, 0)
+    return LocalizedSource(azimuth, std, 0.5, 0.1, 0.4, 0)
 
 
 def normal_errors(num, truth_over_told=1.0, seed=0):

@@ -15,8 +15,8 @@ RULE = DirectLevelRule()
 
 def posterior(weights_kd: np.ndarray, diffuse_k: list[float] | None = None) -> ClipPosterior:
     k = len(weights_kd)
-    share_k = None if diffuse_k is None else np.array(diffuse_k)
-    return ClipPosterior(weights_kd, np.full(k, 1 / k), np.full(k, 0.01), np.full(k, 0.02), diffuse_share_k=share_k)
+    shares_kc = None if diffuse_k is None else np.array(diffuse_k)[:, None]
+    return ClipPosterior(weights_kd, np.full(k, 1 / k), np.full(k, 0.01), np.full(k, 0.02), diffuse_shares_kc=shares_kc)
 
 
 def lobe(centre: float, d: int, width: float = 1.0) -> np.ndarray:
@@ -38,18 +38,18 @@ def test_a_lobe_is_found_where_it_is_with_the_share_that_is_not_diffuse(centre: 
     (source,) = RULE.select(posterior(lobe(centre, 72)[None], [diffuse]), grid)
     expected = 180 - 5 * (centre + 0.5)
     assert abs((source.azimuth_deg - expected + 180) % 360 - 180) < 0.1
-    assert 0.9 * (1 - diffuse) < source.level <= 1 - diffuse
+    assert 0.9 * (1 - diffuse) < source.direct_level <= 1 - diffuse
 
 
 def test_a_diffuse_class_is_no_source_whatever_its_peak() -> None:
-    assert RULE.select(posterior(lobe(10, 72)[None], [0.98]), DirectionGrid(72)) == ()
+    assert RULE.select(posterior(lobe(10, 72)[None], [0.995]), DirectionGrid(72)) == ()
 
 
 def test_levels_of_close_classes_add() -> None:
     weights_kd = np.stack([lobe(10, 72), lobe(11.5, 72), lobe(40, 72)])
     sources = RULE.select(posterior(weights_kd), DirectionGrid(72))
     assert [source.classes for source in sources] in ([(0, 1), (2,)], [(1, 0), (2,)])
-    assert sources[0].level == pytest.approx(RULE.direct_levels(posterior(weights_kd))[:2].sum())
+    assert sources[0].direct_level == pytest.approx(RULE.direct_levels(posterior(weights_kd))[:2].sum())
 
 
 def test_quiet_classes_that_are_enough_together_are_reported() -> None:

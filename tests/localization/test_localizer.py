@@ -10,17 +10,10 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.clip import Clip
 from avssl_pyro.errors import InputError
-from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
+from avssl_pyro.localization.direct_level import DirectLevelRule
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import (
-    AUDIO_ONLY_THRESHOLDS,
-    ONE_PASS_THRESHOLDS,
-    REFINED_THRESHOLDS,
-    ClipPosterior,
-    SourceThresholds,
-    select_sources,
-)
+from avssl_pyro.localization.posterior import ClipPosterior
 from avssl_pyro.systems.config import GuideConfig, ModelConfig
 from avssl_pyro.systems.system import System, SystemConfig, build_system
 
@@ -156,23 +149,12 @@ def test_pauses_can_be_left_out() -> None:
 
 
 def test_one_call_gives_posteriors_and_sources() -> None:
-    localizer = Localizer(make_system(), thresholds=SourceThresholds(level=0.0, peak=0.0, merge_deg=0.0))
+    localizer = Localizer(make_system(), rule=DirectLevelRule(least=0.0, merge_deg=0.0))
     found, expected = localizer.localize(clips(2)), localizer.posteriors(clips(2))
     for localization, posterior in zip(found, expected, strict=True):
         assert_same(localization.posterior, posterior)
-        assert localization.sources == select_sources(posterior, CONFIG.grid, localizer.thresholds)
+        assert localization.sources == localizer.rule.select(posterior, CONFIG.grid)
         assert len(localization.sources) == K
-
-
-def test_thresholds_are_those_of_the_kind_of_posterior() -> None:
-    system = make_system()
-    refinement = RefinementConfig(rounds=2)
-    assert Localizer(system).thresholds == ONE_PASS_THRESHOLDS
-    assert Localizer(system, refinement=refinement).thresholds == REFINED_THRESHOLDS
-    assert Localizer(system, refinement=refinement, audio_only=True).thresholds == AUDIO_ONLY_THRESHOLDS
-    assert Localizer(system, guide=RefinedGuide(system.guide, system.model)).thresholds == REFINED_THRESHOLDS
-    chosen = SourceThresholds(level=0.5)
-    assert Localizer(system, thresholds=chosen).thresholds == chosen
 
 
 def test_audio_only_ignores_the_images() -> None:

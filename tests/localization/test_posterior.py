@@ -5,17 +5,11 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.errors import InputError
-from avssl_pyro.localization.posterior import (
-    ClipPosterior,
-    LocalizedSource,
-    SourceThresholds,
-    peak_azimuth,
-    select_sources,
-)
+from avssl_pyro.localization.direct_level import DirectLevelRule
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource, peak_azimuth
 
 GRID = DirectionGrid(72)
-THRESHOLDS = SourceThresholds(level=0.02)
+RULE = DirectLevelRule(least=0.0)
 
 Array = npt.NDArray[np.float64]
 
@@ -39,6 +33,10 @@ def posterior(
         np.full(number, level_std),
         np.full(number, azimuth_std),
     )
+
+
+def select(beliefs: ClipPosterior, rule: DirectLevelRule = RULE) -> tuple[LocalizedSource, ...]:
+    return rule.select(beliefs, GRID)
 
 
 def found_deg(sources: tuple[LocalizedSource, ...]) -> list[float]:
@@ -73,7 +71,7 @@ def test_a_single_direction_is_its_own_azimuth() -> None:
 
 
 def test_sources_come_loudest_first_with_their_uncertainty() -> None:
-    sources = select_sources(posterior((42.5, 0.2), (-102.5, 0.5), (None, 0.3)), GRID, THRESHOLDS)
+    sources = select(posterior((42.5, 0.2), (-102.5, 0.5), (None, 0.3)))
     assert found_deg(sources) == pytest.approx([-102.5, 42.5], abs=0.01)
     assert [source.source_class for source in sources] == [1, 0]
     assert [source.level for source in sources] == [0.5, 0.2]
@@ -81,29 +79,29 @@ def test_sources_come_loudest_first_with_their_uncertainty() -> None:
     assert [source.azimuth_std for source in sources] == [0.05, 0.05]
 
 
-@pytest.mark.parametrize(("level", "counted"), [(0.0199, False), (0.02, True)])
-def test_least_level(level: float, counted: bool) -> None:
-    sources = select_sources(posterior((40.0, level), (None, 1 - level)), GRID, THRESHOLDS)
-    assert bool(sources) is counted
+@pytest.mark.parametrize(("least", "counted"), [(0.019, True), (0.021, False)])
+def test_least_level(least: float, counted: bool) -> None:
+    """A class without spread at one direction alone has a direct level as high as its mixing level."""
+    weights_kd = np.stack([np.eye(72)[30], np.full(72, 1 / 72)])
+    narrow = ClipPosterior(weights_kd, np.array([0.02, 0.98]), np.zeros(2), np.zeros(2))
+    assert bool(select(narrow, DirectLevelRule(least))) is counted
 
 
-def test_least_peak_leaves_out_wide_classes() -> None:
+def test_wide_classes_need_higher_levels() -> None:
     narrow, wide = bump(42.5, 5.0), bump(-60.0, 40.0)
-    assert narrow.max() > THRESHOLDS.peak > wide.max()
     beliefs = ClipPosterior(np.stack([narrow, wide]), np.array([0.5, 0.5]), np.zeros(2), np.zeros(2))
-    assert found_deg(select_sources(beliefs, GRID, THRESHOLDS)) == pytest.approx([42.5], abs=0.01)
-    lower = SourceThresholds(peak=0.01)
-    assert len(select_sources(beliefs, GRID, lower)) == 2
+    assert found_deg(select(beliefs, DirectLevelRule(0.05))) == pytest.approx([42.5], abs=0.01)
+    assert len(select(beliefs, DirectLevelRule(0.001))) == 2
 
 
 def test_nothing_heard_is_no_source() -> None:
-    assert select_sources(posterior((None, 0.6), (None, 0.4)), GRID, THRESHOLDS) == ()
+    assert select(posterior((None, 0.6), (None, 0.4))) == ()
 
 
 @pytest.mark.parametrize("first_deg", [2.5, 172.5, 177.5, -177.5])
 def test_close_classes_are_one_object_between_them(first_deg: float) -> None:
     beliefs = posterior((first_deg, 0.3), (first_deg + 10, 0.1), (first_deg + 90, 0.6), level_std=0.04)
-    far, near = select_sources(beliefs, GRID, THRESHOLDS)
+    far, near = select(beliefs)
     assert far.level == 0.6
     # Weighted by level, three parts to one.
     assert float(wrap_angle(near.azimuth - np.deg2rad(first_deg + 2.5))) == pytest.approx(0, abs=1e-3)
@@ -117,7 +115,7 @@ def test_close_classes_are_one_object_between_them(first_deg: float) -> None:
 
 def test_of_two_neighbours_the_closer_one_is_joined_though_the_other_is_louder() -> None:
     beliefs = posterior((2.5, 0.5), (17.5, 0.4), (12.5, 0.05))
-    louder, other = select_sources(beliefs, GRID, SourceThresholds(level=0.02, merge_deg=14.0))
+    louder, other = select(beliefs, DirectLevelRule(0.0, merge_deg=14.0))
     assert (louder.source_class, other.source_class) == (0, 1)
     assert (louder.level, other.level) == (0.5, pytest.approx(0.45))
 
@@ -125,20 +123,20 @@ def test_of_two_neighbours_the_closer_one_is_joined_though_the_other_is_louder()
 def test_merging_never_leaves_two_objects_too_close() -> None:
     """The first two merge and so come close to the third."""
     beliefs = posterior((2.5, 0.3), (12.5, 0.3), (22.5, 0.05))
-    (source,) = select_sources(beliefs, GRID, SourceThresholds(level=0.02, merge_deg=15.5))
+    (source,) = select(beliefs, DirectLevelRule(0.0, merge_deg=15.5))
     assert source.level == pytest.approx(0.65)
 
 
 @pytest.mark.parametrize(("apart_deg", "number"), [(10.0, 1), (15.0, 2)])
 def test_merging_distance(apart_deg: float, number: int) -> None:
     beliefs = posterior((0.0, 0.4), (apart_deg, 0.4), (None, 0.2))
-    assert len(select_sources(beliefs, GRID, THRESHOLDS)) == number
-    assert len(select_sources(beliefs, GRID, SourceThresholds(merge_deg=0.0))) == 2
+    assert len(select(beliefs)) == number
+    assert len(select(beliefs, DirectLevelRule(0.0, merge_deg=0.0))) == 2
 
 
 def test_merged_sources_tell_all_their_classes() -> None:
     beliefs = posterior((-90.0, 0.1), (50.0, 0.2), (58.0, 0.3), (54.0, 0.25), (None, 0.15))
-    merged, alone = select_sources(beliefs, GRID, SourceThresholds(level=0.02, merge_deg=12.0))
+    merged, alone = select(beliefs, DirectLevelRule(0.0, merge_deg=12.0))
     assert merged.classes[0] == merged.source_class
     assert sorted(merged.classes) == [1, 2, 3]
     assert alone.classes == (0,)
@@ -146,7 +144,7 @@ def test_merged_sources_tell_all_their_classes() -> None:
 
 def test_classes_merged_can_overtake() -> None:
     beliefs = posterior((2.5, 0.3), (102.5, 0.4), (7.5, 0.3))
-    assert found_deg(select_sources(beliefs, GRID, THRESHOLDS)) == pytest.approx([5.0, 102.5], abs=0.01)
+    assert found_deg(select(beliefs)) == pytest.approx([5.0, 102.5], abs=0.01)
 
 
 classes = st.lists(st.tuples(st.floats(-180, 180), st.floats(0.01, 1.0)), min_size=1, max_size=6)
@@ -154,14 +152,14 @@ classes = st.lists(st.tuples(st.floats(-180, 180), st.floats(0.01, 1.0)), min_si
 
 @given(classes)
 def test_objects_found_are_apart_and_account_for_all_levels(drawn: list[tuple[float, float]]) -> None:
-    sources = select_sources(posterior(*drawn), GRID, THRESHOLDS)
-    levels = [level for _, level in drawn if level >= THRESHOLDS.level]
-    assert sum(source.level for source in sources) == pytest.approx(sum(levels))
-    assert [source.level for source in sources] == sorted((source.level for source in sources), reverse=True)
+    sources = select(posterior(*drawn))
+    assert sum(source.level for source in sources) == pytest.approx(sum(level for _, level in drawn))
+    direct = [source.direct_level for source in sources]
+    assert direct == sorted(direct, reverse=True)
     for first in sources:
         for second in sources:
             apart = abs(wrap_angle(first.azimuth - second.azimuth))
-            assert first is second or apart >= np.deg2rad(THRESHOLDS.merge_deg) - 1e-9
+            assert first is second or apart >= np.deg2rad(RULE.merge_deg) - 1e-9
 
 
 @given(classes, st.integers(0, 71))
@@ -176,19 +174,13 @@ def test_turning_the_scene_turns_the_objects(drawn: list[tuple[float, float]], s
         beliefs.level_std_k,
         beliefs.azimuth_std_k,
     )
-    before = select_sources(beliefs, GRID, THRESHOLDS)
-    after = select_sources(turned, GRID, THRESHOLDS)
+    before = select(beliefs)
+    after = select(turned)
     # Nor may rounding decide whether two are merged, or in which order they come.
     distances = [wrap_angle(a.azimuth - b.azimuth) for a in before for b in before if a is not b]
-    assume(all(abs(abs(distance) - np.deg2rad(THRESHOLDS.merge_deg)) > 1e-6 for distance in distances))
+    assume(all(abs(abs(distance) - np.deg2rad(RULE.merge_deg)) > 1e-6 for distance in distances))
     assume(len({round(level, 6) for _, level in drawn}) == len(drawn))
     assert len(before) == len(after)
     for first, second in zip(before, after, strict=True):
         assert abs(wrap_angle(second.azimuth - first.azimuth + steps * GRID.spacing)) < 1e-6
         assert second.source_class == first.source_class
-
-
-@pytest.mark.parametrize("wrong", [{"level": -0.1}, {"peak": 1.5}, {"peak": float("nan")}, {"merge_deg": 181.0}])
-def test_impossible_thresholds_are_refused_in_a_sentence(wrong: dict[str, float]) -> None:
-    with pytest.raises(InputError, match=f"SourceThresholds: {next(iter(wrong))} is"):
-        SourceThresholds(**wrong)

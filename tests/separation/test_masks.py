@@ -21,7 +21,7 @@ OBSERVED = observe(stft(torch.from_numpy(SCENE.audio_mn).double()[None], STFT)[0
 
 
 def source(*classes: int) -> LocalizedSource:
-    return LocalizedSource(0.0, 0.03, 0.3, 0.01, classes[0], classes[1:])
+    return LocalizedSource(0.0, 0.03, 0.3, 0.01, 0.2, classes[0], classes[1:])
 
 
 def test_masks_are_probabilities_and_follow_their_classes() -> None:

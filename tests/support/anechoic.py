@@ -7,7 +7,8 @@ import numpy.typing as npt
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.grid import DirectionGrid
-from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource, SourceThresholds, select_sources
+from avssl_pyro.localization.direct_level import DirectLevelRule
+from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 from avssl_pyro.simulation.synthetic.speech import ProceduralSpeech
 
 GRID = DirectionGrid(72)
@@ -51,5 +52,5 @@ def scene(array: MicrophoneArray, azimuths_deg: tuple[float, ...], num_samples: 
         level_std_k=np.full(len(levels_k), 0.01),
         azimuth_std_k=np.full(len(levels_k), 0.03),
     )
-    sources = select_sources(posterior, GRID, SourceThresholds())
+    sources = DirectLevelRule().select(posterior, GRID)
     return Scene(images_smn, (images_smn.sum(0) + noise_mn).astype(np.float32), posterior, sources)

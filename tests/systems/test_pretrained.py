@@ -13,8 +13,8 @@ from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
 from avssl_pyro.evaluation.matching import gate_then_assign
 from avssl_pyro.evaluation.metrics import evaluate
 from avssl_pyro.guides.refinement_config import RefinementConfig
+from avssl_pyro.localization.direct_level import DirectLevelRule
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import REFINED_THRESHOLDS, select_sources
 from avssl_pyro.simulation.scenes import SceneSimulator
 from avssl_pyro.systems import config
 from avssl_pyro.systems.config import PRETRAINED
@@ -62,7 +62,7 @@ def test_they_find_who_talks_in_scenes_of_material_they_never_saw(name: str, lea
     system = load_pretrained(array).system
     posteriors = Localizer(system, refinement=RefinementConfig()).posteriors([scene.clip for scene in scenes])
     found = [
-        np.array([source.azimuth for source in select_sources(posterior, system.config.grid, REFINED_THRESHOLDS)])
+        np.array([source.azimuth for source in DirectLevelRule().select(posterior, system.config.grid)])
         for posterior in posteriors
     ]
     scores = evaluate([scene.labels.talker_azimuths for scene in scenes], found, np.deg2rad(10.0), gate_then_assign)

@@ -9,19 +9,19 @@ import soundfile
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.errors import InputError
 from avssl_pyro.interruption import GracefulInterrupt
+from avssl_pyro.localization.direct_level import DirectLevelRule
 from avssl_pyro.localization.localizer import Localizer
-from avssl_pyro.localization.posterior import SourceThresholds
 from avssl_pyro.recordings.recording import Alignment
 from avssl_pyro.systems.pretrained import load_weights_of
 from avssl_pyro.tracking.recording_localizer import localize_recording, open_recording, recording_gains
 
 ARRAY = PRESETS["circle2"]
-EVERYTHING = SourceThresholds(level=0.0, peak=0.0)
+EVERYTHING = DirectLevelRule(least=0.0)
 
 
 @pytest.fixture(scope="module")
 def localizer() -> Localizer:
-    return Localizer(load_weights_of("circle2"), thresholds=EVERYTHING)
+    return Localizer(load_weights_of("circle2"), rule=EVERYTHING)
 
 
 @pytest.fixture

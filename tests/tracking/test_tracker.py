@@ -18,7 +18,7 @@ Path = Callable[[float], float]
 
 
 def source(azimuth_deg: float, level: float = 0.4) -> LocalizedSource:
-    return LocalizedSource(float(wrap_angle(np.deg2rad(azimuth_deg))), np.deg2rad(2.0), level, 0.01, 0)
+    return LocalizedSource(float(wrap_angle(np.deg2rad(azimuth_deg))), np.deg2rad(2.0), level, 0.01, level, 0)
 
 
 def record(

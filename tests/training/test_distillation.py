@@ -12,25 +12,28 @@ from avssl_pyro.acoustics.steering import FreeField
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.guides.base import GuideParameters
+from avssl_pyro.models.room import Room
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
 from avssl_pyro.networks.visual import VisualNet
 from avssl_pyro.training.config import DistillationConfig
-from avssl_pyro.training.distillation import DistillationLoss, log_outcomes
+from avssl_pyro.training.distillation import DistillationLoss, log_outcomes, split_entropy
 from avssl_pyro.training.elbo_terms import TraceMeanFieldELBOWithTerms
 
 B, D, K, T = 2, 24, 5, 40
 STEERING_FDM = FreeField(PRESETS["circle4"])(DirectionGrid(D), np.linspace(250.0, 4000.0, 16)).to(torch.complex64)
+ROOM = Room.of_array(PRESETS["circle4"], DirectionGrid(D), np.linspace(250.0, 4000.0, 16))
 TRUE_DIRECTIONS = (3, 14)
 
 
 def taught(
-    config: DistillationConfig, particles: int = 1, bin_weight: float = 1.0
+    config: DistillationConfig, particles: int = 1, bin_weight: float = 1.0, room: Room | None = None
 ) -> tuple[DistillationLoss, AmortizedGuide]:
     torch.manual_seed(0)
-    model = SpatialCGMM(STEERING_FDM, num_sources=K, bin_weight=bin_weight)
+    model = SpatialCGMM(STEERING_FDM, num_sources=K, bin_weight=bin_weight, room=room)
     visual = VisualNet(K - 1, D, channels=(4, 4), anchor_gain=2.0)
-    guide = AmortizedGuide(visual, AudioNet(STEERING_FDM, channels=4), diffuse_class=True)
+    audio = AudioNet(STEERING_FDM, channels=4, num_diffuse=0 if room is None else room.num_components)
+    guide = AmortizedGuide(visual, audio, diffuse_class=True)
     estimator = TraceMeanFieldELBOWithTerms(particles, max_plate_nesting=1, vectorize_particles=particles > 1)
     with pyro.settings.context(module_local_params=True):
         return DistillationLoss(
@@ -118,10 +121,40 @@ def test_the_audio_network_learns_which_class_hears_a_talker(data: tuple[Tensor,
 def test_outcomes_are_the_mixture_over_classes(num_directed: int) -> None:
     share_bkd, pi_bk = torch.rand(B, 3, D).softmax(-1), torch.rand(B, 3).softmax(-1)
     n = num_directed
-    outcome_bo = log_outcomes(share_bkd.log(), pi_bk.log(), n).exp()
+    outcome_bo = log_outcomes(share_bkd.log(), pi_bk.log(), n, D).exp()
     torch.testing.assert_close(outcome_bo[:, :D], torch.einsum("bk,bkd->bd", pi_bk[:, :n], share_bkd[:, :n]))
     torch.testing.assert_close(outcome_bo.sum(-1), torch.ones(B))
     assert outcome_bo.shape == (B, D + 3 - n)
+
+
+def test_diffuse_components_have_no_direction() -> None:
+    share_bkj, pi_bk = torch.rand(B, 3, D + 2).softmax(-1), torch.rand(B, 3).softmax(-1)
+    outcome_bo = log_outcomes(share_bkj.log(), pi_bk.log(), 3, D).exp()
+    torch.testing.assert_close(outcome_bo[:, D], torch.einsum("bk,bkc->b", pi_bk, share_bkj[..., D:]))
+    torch.testing.assert_close(outcome_bo.sum(-1), torch.ones(B))
+
+
+def test_a_class_is_split_at_the_least_entropy_by_its_own_shares() -> None:
+    share_bkj = torch.rand(B, 3, D + 2).softmax(-1)
+    own_bk, other_bk = (split_entropy(share_bkj, of.log(), D) for of in (share_bkj, share_bkj.flip(-1)))
+    assert (own_bk < other_bk).all()
+    # How a class spreads over the directions does not matter.
+    turned_bkj = torch.cat([share_bkj[..., :D].roll(3, -1), share_bkj[..., D:]], dim=-1)
+    torch.testing.assert_close(split_entropy(share_bkj, turned_bkj.log(), D), own_bk)
+
+
+def test_the_audio_network_learns_how_diffuse_a_class_is(data: tuple[Tensor, Tensor]) -> None:
+    noisy = (data[0] + 0.6 * torch.randn_like(data[0]), data[1])
+    module, guide = taught(DistillationConfig(weight=0.1, level_weight=1.0), room=ROOM)
+    target = module._refine(noisy[0], guide.log_weights(noisy[1])[0])
+    parameters = learn(module, guide, noisy)
+    assert parameters.diffuse_mu_bkc is not None
+    found_bkj = torch.cat([parameters.mu_bkd, parameters.diffuse_mu_bkc], dim=-1).softmax(-1)
+    diffuse_bk, target_bk = found_bkj[..., D:].sum(-1), target.log_w_bkd.softmax(-1)[..., D:].sum(-1)
+    assert (target_bk * target.pi_bk).sum(-1).mean() > 0.1
+    torch.testing.assert_close(
+        (diffuse_bk * target.pi_bk).sum(-1), (target_bk * target.pi_bk).sum(-1), atol=0.1, rtol=0
+    )
 
 
 def test_a_direction_that_the_guide_rules_out_keeps_its_gradient() -> None:
@@ -129,7 +162,7 @@ def test_a_direction_that_the_guide_rules_out_keeps_its_gradient() -> None:
     mu_bkd[:, :, 5] = -150.0
     assert mu_bkd.softmax(-1)[..., 5].eq(0).all()
     mu_bkd.requires_grad_()
-    log_outcome_bo = log_outcomes(mu_bkd.log_softmax(-1), torch.tensor([[0.5, 0.5]]).log(), 2)
+    log_outcome_bo = log_outcomes(mu_bkd.log_softmax(-1), torch.tensor([[0.5, 0.5]]).log(), 2, D)
     (-log_outcome_bo[0, 5]).backward()
     assert mu_bkd.grad is not None
     # All of the gradient of a cross-entropy, not a rest of it: both classes are drawn there alike.

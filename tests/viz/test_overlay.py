@@ -27,7 +27,7 @@ def scene(azimuths_deg, levels, with_maps=True):
         maps.astype(np.float32) if with_maps else None,
     )
     sources = tuple(
-        LocalizedSource(float(np.deg2rad(a)), 0.05, level, 0.02, k)
+        LocalizedSource(float(np.deg2rad(a)), 0.05, level, 0.02, level, k)
         for k, (a, level) in enumerate(zip(azimuths_deg, levels, strict=True))
         if level > 0
     )

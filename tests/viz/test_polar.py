@@ -63,7 +63,7 @@ def test_sources_and_the_truth_are_drawn():
     posterior = ClipPosterior(
         np.stack([peaked(40), peaked(-60)]), np.array([0.6, 0.4]), np.full(2, 0.01), np.full(2, 0.03)
     )
-    source = LocalizedSource(azimuth=3.1, azimuth_std=0.1, level=0.6, level_std=0.01, source_class=1)
+    source = LocalizedSource(azimuth=3.1, azimuth_std=0.1, level=0.6, level_std=0.01, direct_level=0.5, source_class=1)
     bare = picture(draw_circles({"": Circle.of(posterior)}))
     with_source = picture(draw_circles({"": Circle.of(posterior, [source])}))
     with_truth = picture(draw_circles({"": Circle.of(posterior, [source], SceneLabels((0.7,), (-2.0,)))}))

@@ -14,7 +14,7 @@ def rows(table):
 
 
 def source(azimuth_deg, level):
-    return LocalizedSource(np.deg2rad(azimuth_deg), np.deg2rad(1.5), level, 0.01, 0)
+    return LocalizedSource(np.deg2rad(azimuth_deg), np.deg2rad(1.5), level, 0.01, level, 0)
 
 
 def test_every_source_has_a_row_with_the_nearest_talker_even_across_the_seam():
