@@ -29,6 +29,11 @@ class GuideParameters(NamedTuple):
     diffuse_mu_bkc: Tensor | None = None
     diffuse_sigma_bkc: Tensor | None = None
 
+    @property
+    def log_weights_bkj(self) -> Tensor:
+        """Means of log w and, where there are diffuse weights, of log e, (B, K, D + C), as of a model's templates."""
+        return self.mu_bkd if self.diffuse_mu_bkc is None else torch.cat([self.mu_bkd, self.diffuse_mu_bkc], dim=-1)
+
     def clip(self, b: int) -> "GuideParameters":
         """The parameters of one clip, still with an axis of clips."""
         return GuideParameters._make(None if value is None else value[b : b + 1] for value in self)

@@ -24,7 +24,7 @@ class RefinementConfig:
     120
     """
 
-    rounds: int = field(default=30, validator=at_least(1))
+    rounds: int = field(default=40, validator=at_least(1))
     tolerance: float = 1e-4
     softening: float = 0.8
     image_weight: float = 0.0

@@ -64,6 +64,9 @@ class PrecedenceGaussian:
         decay_s: time in which reverberation is taken to fall by 60 dB, seconds.
         frame_s: time from frame to frame, seconds.
         least: least weight of a bin before weights are scaled to mean 1.
+
+    >>> PrecedenceGaussian(decay_s=0.3)
+    PrecedenceGaussian(decay_s=0.3, frame_s=0.01, least=0.05)
     """
 
     decay_s: float = field(default=0.5, validator=positive)

@@ -41,6 +41,10 @@ class Room:
         diffuse_cfmm: spatial covariances of the diffuse components, complex (C, F, M, M), of the same trace.
         mean: prior mean of log e.
         sigma: prior standard deviation of log e.
+
+    >>> from avssl_pyro.acoustics.presets import PRESETS
+    >>> Room.of_array(PRESETS["circle4"], DirectionGrid(8), np.linspace(0, 8000, 5)).template_jfmm.shape
+    torch.Size([10, 5, 4, 4])
     """
 
     direction_dfmm: Tensor

@@ -196,7 +196,7 @@ def _diffuse_shares(parameters: GuideParameters) -> Tensor | None:
     """Shares of the diffuse weights in all weights of a class, (B, K, C), or None where there are none."""
     if parameters.diffuse_mu_bkc is None:
         return None
-    all_bkj = torch.cat([parameters.mu_bkd, parameters.diffuse_mu_bkc], dim=-1).softmax(-1)
+    all_bkj = parameters.log_weights_bkj.softmax(-1)
     return all_bkj[..., parameters.mu_bkd.shape[-1] :]
 
 

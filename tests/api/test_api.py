@@ -53,7 +53,7 @@ def test_the_result_is_the_documented_one(model: av.Model, clip: av.Clip, files:
     content = json.loads(json.dumps(model.localize(audio, image).to_dict(), allow_nan=False))
     assert list(content) == [
         *("format", "audio", "image", "array", "checkpoint"),
-        *("sources", "mixing_levels", "direction_weights", "directions_deg"),
+        *("sources", "mixing_levels", "direction_weights", "diffuse_shares", "directions_deg"),
     ]
     assert (content["format"], content["audio"], content["image"]) == ("avssl-result/1", str(audio), str(image))
     assert (content["array"]["name"], content["checkpoint"]) == ("circle4", "shipped")

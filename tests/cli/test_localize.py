@@ -330,7 +330,7 @@ def test_clips_of_a_manifest_keep_their_sounds_apart(checkpoint: Path, clip: tup
     image, audio = clip
     manifest, out, folder = tmp_path / "clips.csv", tmp_path / "results.jsonl", tmp_path / "sounds"
     manifest.write_text(f"audio,image\n{audio.name},{image.name}\n{audio.name},{image.name}\n")
-    words = ["--checkpoint", str(checkpoint), "--clips", str(manifest), "--out", str(out), "--thresholds.peak", "0"]
+    words = ["--checkpoint", str(checkpoint), "--clips", str(manifest), "--out", str(out), "--least-level", "0"]
     main([*words, "--separate", str(folder)])
     lines = [json.loads(line) for line in out.read_text().splitlines()]
     named = [source["separated"] for line in lines for source in line["sources"]]

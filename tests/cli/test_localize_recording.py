@@ -18,7 +18,7 @@ from avssl_pyro.io.dcase import read_dcase
 from avssl_pyro.io.video_writer import open_video
 
 ROWS, COLUMNS, FRAME_RATE, SECONDS = 160, 320, 10.0, 3
-ALL_CLASSES = ("--thresholds.peak", "0", "--thresholds.level", "0")
+ALL_CLASSES = ("--least-level", "0")
 
 
 @pytest.fixture

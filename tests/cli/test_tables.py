@@ -74,7 +74,7 @@ def test_every_cell_is_there_with_intervals_around_its_value(arguments: list[str
     assert figures["II", "Proposed", 4, 3]["value"] == 0.73
     runs = {(run["condition"], run["microphones"], run["method"]): run for run in data["runs"]}
     assert all(runs["all-speak", 4, method]["ms_per_clip"] > 0 for method in method_order()[2:])
-    assert {"level", "peak", "merge_deg"} == set(runs["some-silent", 2, "amortized"]["setting"])
+    assert {"least", "cells", "merge_deg"} == set(runs["some-silent", 2, "amortized"]["setting"])
     believers = {(item["condition"], item["microphones"], item["method"]) for item in data["calibration"]}
     assert believers == {(c, m, name) for c in CONDITIONS for m in MICROPHONES for name in ("amortized", "refined")}
     assert all(0 <= item["area"] <= 1 for item in data["talking"])
@@ -162,7 +162,7 @@ def test_bad_input_is_told_before_anything_runs(
         (["--tables", *one, "--array", "circle4"], "leave out --array"),
         ([*one, "--array", "circle6"], "trained for array 'circle4' with 4 microphones, but 'circle6' has 6"),
         ([*arguments[1:]], "2 checkpoints were given; give one, or add --tables"),
-        (["--tables", *one, "--sets", str(tmp_path / "none")], "no such folder; --sets wants"),
+        (["--tables", *one, "--sets", str(tmp_path / "none")], "no such folder; give one that contains"),
         (["--tables", *one, "--sets", str(tmp_path)], "all-speak-validation: no manifest.json"),
     ]:
         with pytest.raises(InputError, match=message):

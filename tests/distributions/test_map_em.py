@@ -70,6 +70,9 @@ def start() -> tuple[Tensor, Tensor]:
 class Ramp:
     """A prior of a user's own: log w with a mean that falls from one end of the grid to the other."""
 
+    def __str__(self) -> str:
+        return "Ramp()"
+
     def mean(self, num_directions: int, like: Tensor) -> Tensor:
         return torch.linspace(0.0, -4.0, num_directions).to(like)
 

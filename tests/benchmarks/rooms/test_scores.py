@@ -20,7 +20,7 @@ def clip(kind: str, *azimuths_deg: float) -> RoomClip:
 
 def estimates(*degrees: list[float], std_deg: float) -> Estimates:
     sources = [
-        [LocalizedSource(np.deg2rad(azimuth), np.deg2rad(std_deg), 0.5, 0.1, k) for k, azimuth in enumerate(each)]
+        [LocalizedSource(np.deg2rad(azimuth), np.deg2rad(std_deg), 0.5, 0.1, 0.4, k) for k, azimuth in enumerate(each)]
         for each in degrees
     ]
     return Estimates([np.deg2rad(np.array(each)) for each in degrees], sources)

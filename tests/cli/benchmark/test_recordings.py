@@ -97,7 +97,7 @@ def test_a_recording_in_which_nothing_can_be_heard_is_named(level_m, says, tmp_p
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--num-classes", "0"], "--num-classes 0 --rounds 120: give at least one class and one round."),
+        (["--num-classes", "0"], "--num-classes 0 --rounds 40: give at least one class and one round."),
         (["--pause-db", "-3"], "--pause-db -3.0: give a positive number of decibels."),
         (["--peaks.threshold", "2"], "--peaks.threshold 2.0 --peaks.most 4: give a height from 0 to 1"),
         (["--array", "circle6"], "one.wav: 4 channel(s), but array 'circle6' has 6 microphones"),
