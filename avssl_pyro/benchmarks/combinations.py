@@ -128,6 +128,15 @@ RECIPES = (
 )
 
 
+def recipes_for(system: System) -> tuple[Recipe, ...]:
+    """``RECIPES`` with the system's own likelihood as the usual one, and the paper's beside it."""
+    own, paper = system.model.likelihood, ProfiledGaussian()
+    if own == paper:
+        return RECIPES
+    around = [replace(recipe, likelihood=own) if recipe.likelihood == paper else recipe for recipe in RECIPES]
+    return (*around[:2], Recipe(), *around[2:])
+
+
 @dataclass(frozen=True)
 class CombinationRow:
     """Results of one recipe.
@@ -156,11 +165,10 @@ class CombinationRow:
     ms_per_clip: float
     thresholds: dict[str, float]
 
-    @property
-    def name(self) -> str:
-        """Name of the guide, and of the parts that differ from the paper's."""
-        parts = zip((self.levels, self.directions, self.likelihood), Recipe().words[1:], strict=True)
-        return ", ".join([self.guide, *(part for part, usual in parts if part != usual)])
+    def name(self, usual: Sequence[str]) -> str:
+        """Name of the guide, and of the parts that differ from the usual ones."""
+        parts = zip((self.levels, self.directions, self.likelihood), usual, strict=True)
+        return ", ".join([self.guide, *(part for part, other in parts if part != other)])
 
 
 class _MeasuredGuide(nn.Module):
@@ -231,7 +239,6 @@ def run_recipe(
 
 
 COLUMNS: tuple[Column[CombinationRow], ...] = (
-    Column("combination", lambda row: row.name),
     Column("F", lambda row: f"{row.f_measure:.3f} ({row.f_low:.2f}-{row.f_high:.2f})"),
     Column("count", lambda row: f"{row.count_accuracy:.3f} ({row.count_low:.2f}-{row.count_high:.2f})"),
     Column("ELBO", lambda row: row.elbo, "{:.4f}"),
@@ -250,7 +257,7 @@ def run_combinations(
     """Runs what is not yet in ``folder/rows``, and writes ``combinations.json`` and ``combinations.md``.
 
     Args:
-        recipes: combinations, in order.
+        recipes: combinations, in order; the first has the usual priors and likelihood.
         system: trained system.
         sets: scenes of validation and test.
         sizes: largest number of scenes of each.
@@ -274,7 +281,9 @@ def run_combinations(
         print(f"{number} of {len(recipes)}: {', '.join(recipe.words)}.", flush=True)
         facts = {**settings, "recipe": recipe.words}
         rows.append(cache.get_or_run("row", facts, partial(run_recipe, recipe, system, validation, test, seed)))
-    table = Table(rows, COLUMNS, notes=(f"If not said: {', '.join(Recipe().words[1:])}.",))
+    usual = recipes[0].words[1:]
+    columns = (Column("combination", lambda row: row.name(usual)), *COLUMNS)
+    table = Table(rows, columns, notes=(f"If not said: {', '.join(usual)}.",))
     write_atomically(folder / "combinations.json", table.json().encode())
     write_atomically(folder / "combinations.md", replace(table, notes=()).markdown().encode())
     return table

@@ -11,20 +11,26 @@ from torch import Tensor
 
 from avssl_pyro.distributions.profiled_gaussian import RELATIVE_POWER_FLOOR
 from avssl_pyro.guides.amortized import AmortizedGuide
+from avssl_pyro.models.room import Room
+
+# Frames this far below the loudest do not decide on the scale of the weights of bins.
+LOUD_DB = 30.0
 
 
 @dataclass(frozen=True)
 class ClosedFormTerms:
-    """The three terms of the ELBO, Eqs. (14)-(19), per clip, (B,) each."""
+    """The terms of the ELBO, Eqs. (14)-(19), per clip, (B,) each; the last is None without a room."""
 
     log_likelihood_b: Tensor
     kl_weights_b: Tensor
     kl_levels_b: Tensor
+    kl_diffuse_b: Tensor | None = None
 
     @property
     def loss(self) -> Tensor:
         """The negative ELBO summed over clips, ()."""
-        return (self.kl_weights_b + self.kl_levels_b - self.log_likelihood_b).sum()
+        loss_b = self.kl_weights_b + self.kl_levels_b - self.log_likelihood_b
+        return (loss_b if self.kl_diffuse_b is None else loss_b + self.kl_diffuse_b).sum()
 
 
 def log_likelihood(x_bfmt: Tensor, steering_fdm: Tensor, w_bkd: Tensor, pi_bk: Tensor, diffuse: float) -> Tensor:
@@ -62,6 +68,24 @@ def room_log_likelihood(
     return weighted_bft.sum((-2, -1))
 
 
+def onset_weights(x_bfmt: Tensor, log_decay: float, least: float) -> Tensor:
+    """Weights c_tf of :mod:`avssl_pyro.distributions.precedence`, (B, F, T), by their recursion over frames."""
+    m = x_bfmt.shape[-2]
+    square_bfmt = x_bfmt.abs().square()
+    raw_bft = square_bfmt.sum(-2) + m * RELATIVE_POWER_FLOOR * square_bfmt.mean((1, 2, 3))[:, None, None]
+    around_bft = torch.cat([raw_bft[:, :1], raw_bft, raw_bft[:, -1:]], dim=1)
+    power_bft = (around_bft[:, :-2] + around_bft[:, 1:-1] + around_bft[:, 2:]) / 3
+    reverberation_bf, weights = torch.zeros_like(power_bft[..., 0]), []
+    for t in range(power_bft.shape[-1]):
+        power_bf = power_bft[..., t]
+        weights.append((1 - reverberation_bf / power_bf).clamp_min(least))
+        reverberation_bf = math.exp(log_decay) * torch.maximum(reverberation_bf, power_bf)
+    weight_bft, frame_bt = torch.stack(weights, dim=-1), raw_bft.mean(1)
+    loud_bt = frame_bt >= frame_bt.amax(-1, keepdim=True) * 10 ** (-LOUD_DB / 10)
+    mean_b = torch.stack([weight_ft[:, loud_t].mean() for weight_ft, loud_t in zip(weight_bft, loud_bt, strict=True)])
+    return weight_bft / mean_b[:, None, None]
+
+
 def _log_density(x_bfmt: Tensor, scm_bkfmn: Tensor, pi_bk: Tensor, diffuse: float) -> Tensor:
     """log p(x_tf) with eps still to be added to the covariances, (B, F, T)."""
     m = x_bfmt.shape[-2]
@@ -80,6 +104,12 @@ def kl_log_normal(mu_bkd: Tensor, sigma_k: Tensor, prior_sigma: float) -> Tensor
     variance_k1 = sigma_k[:, None] ** 2
     quadratic = (mu_bkd**2 + variance_k1 - prior_sigma**2) / (2 * prior_sigma**2)
     return (quadratic + torch.log(prior_sigma / sigma_k[:, None])).sum((-2, -1))
+
+
+def kl_diffuse_weights(mu_bkc: Tensor, sigma_kc: Tensor, prior_mean: float, prior_sigma: float) -> Tensor:
+    """KL(q(e) || p(e)) of log-normal diffuse weights, (B,)."""
+    quadratic = ((mu_bkc - prior_mean) ** 2 + sigma_kc**2 - prior_sigma**2) / (2 * prior_sigma**2)
+    return (quadratic + torch.log(prior_sigma / sigma_kc)).sum((-2, -1))
 
 
 def kl_dirichlet(concentration_bk: Tensor, prior_alpha: float) -> Tensor:
@@ -101,19 +131,43 @@ def closed_form_terms(
     prior_alpha: float,
     prior_sigma: float,
     diffuse: float,
+    room: Room | None = None,
+    bin_weight_bft: Tensor | None = None,
 ) -> ClosedFormTerms:
     """One Monte Carlo evaluation of the ELBO by hand.
 
-    Draws w, then pi, from torch's global generator as Pyro does, so that at one seed both see the same noise.
+    Draws w, then pi, then e with a room, from torch's global generator as Pyro does, so that at one seed both see the
+    same noise.
+
+    Args:
+        guide: guide with an audio network.
+        steering_fdm: steering vectors, complex (F, D, M); with a room its templates take their place.
+        x_bfmt, image_bcij: spectrograms and images of the clips.
+        prior_alpha, prior_sigma: of the Dirichlet prior of levels and of the log-normal prior of direction weights.
+        diffuse: eps relative to all weights of a class together.
+        room: templates, and prior of the diffuse weights.
+        bin_weight_bft: weights of the bins of a model with a room; None for 1.
     """
     mu_bkd, _ = guide.log_weights(image_bcij)
     sigma_k = guide.log_sigma_k.exp()
     feature_bcdt = guide.audio.direction_features(x_bfmt)
     w_bkd = torch.exp(mu_bkd + sigma_k[:, None] * torch.randn_like(mu_bkd))
-    concentration_bk = guide.concentration(guide.source_features(feature_bcdt, w_bkd))
+    source_bkc = guide.source_features(feature_bcdt, w_bkd)
+    concentration_bk = guide.concentration(source_bkc)
     pi_bk = torch.distributions.Dirichlet(concentration_bk).rsample()
+    kl_weights_b = kl_log_normal(mu_bkd, sigma_k, prior_sigma)
+    kl_levels_b = kl_dirichlet(concentration_bk, prior_alpha)
+    if room is None:
+        likelihood_b = log_likelihood(x_bfmt, steering_fdm, w_bkd, pi_bk, diffuse)
+        return ClosedFormTerms(likelihood_b, kl_weights_b, kl_levels_b)
+    diffuse_sigma_kc = guide.diffuse_log_sigma_kc.exp()
+    diffuse_mu_bkc = w_bkd.sum(-1, keepdim=True).log() + guide.log_diffuse_ratios(source_bkc)
+    e_bkc = torch.exp(diffuse_mu_bkc + diffuse_sigma_kc * torch.randn_like(diffuse_mu_bkc))
     return ClosedFormTerms(
-        log_likelihood(x_bfmt, steering_fdm, w_bkd, pi_bk, diffuse),
-        kl_log_normal(mu_bkd, sigma_k, prior_sigma),
-        kl_dirichlet(concentration_bk, prior_alpha),
+        room_log_likelihood(
+            x_bfmt, room.direction_dfmm, room.diffuse_cfmm, w_bkd, e_bkc, pi_bk, diffuse, bin_weight_bft
+        ),
+        kl_weights_b,
+        kl_levels_b,
+        kl_diffuse_weights(diffuse_mu_bkc, diffuse_sigma_kc, room.mean, room.sigma),
     )

@@ -24,7 +24,7 @@ class Combination:
 
     Args:
         model: :class:`SpatialCGMM` or :class:`ExplicitMaskCGMM` with any priors and any likelihood.
-        guide: guide of the sites ``direction_weights`` and ``mixing_levels``.
+        guide: guide of the sites ``direction_weights``, ``mixing_levels`` and, with a room, ``diffuse_weights``.
         estimator: ``Trace_ELBO()``, ``TraceMeanField_ELBO()`` (sampled where torch has no KL), ``TraceEnum_ELBO()``
             (for explicit masks) or ``RenyiELBO()`` (to evaluate).
 
@@ -63,6 +63,12 @@ class Combination:
         if classes != self.model.num_sources:
             raise InputError(
                 f"the guide has {classes} source classes and the model {self.model.num_sources}; give both the same."
+            )
+        components = 0 if self.model.room is None else self.model.room.num_components
+        found = getattr(self.guide, "num_diffuse", components)
+        if found != components:
+            raise InputError(
+                f"the guide has {found} diffuse components and the model {components}; give both the same."
             )
 
     def trainable_loss(self) -> nn.Module:

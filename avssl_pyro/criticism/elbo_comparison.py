@@ -9,9 +9,11 @@ import torch
 from pyro.infer import TraceEnum_ELBO
 from torch import Tensor
 
-from avssl_pyro.criticism.closed_form import ClosedFormTerms, closed_form_terms
+from avssl_pyro.criticism.closed_form import ClosedFormTerms, closed_form_terms, onset_weights
 from avssl_pyro.guides.amortized import AmortizedGuide
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
+from avssl_pyro.models.likelihoods import PrecedenceGaussian
+from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.systems.system import System
 from avssl_pyro.training.elbo_terms import TraceELBOWithTerms, TraceMeanFieldELBOWithTerms
 
@@ -70,27 +72,37 @@ def mean_field_differences(system: System, x_bfmt: Tensor, image_bcij: Tensor, s
         "log likelihood": (reference[0].log_likelihood_b, estimator.terms.log_likelihood_b),
         "KL of w": (reference[0].kl_weights_b, estimator.terms.kl_b["direction_weights"]),
         "KL of pi": (reference[0].kl_levels_b, estimator.terms.kl_b["mixing_levels"]),
-        "loss": (reference_loss, loss),
     }
+    if reference[0].kl_diffuse_b is not None:
+        pairs["KL of e"] = (reference[0].kl_diffuse_b, estimator.terms.kl_b["diffuse_weights"])
+    pairs["loss"] = (reference_loss, loss)
     differences = [_difference(name, expected.sum(), found.sum()) for name, (expected, found) in pairs.items()]
     return [*differences, _gradient_difference(reference_gradient, gradient)]
 
 
 def explicit_mask_differences(system: System, x_bfmt: Tensor, image_bcij: Tensor, seed: int = 0) -> list[Difference]:
-    """The marginalised model under Trace_ELBO against masks enumerated by TraceEnum_ELBO at one seed."""
+    """The marginalised model under Trace_ELBO against masks enumerated by TraceEnum_ELBO at one seed.
+
+    Both count every bin alike; a model that weighs bins is compared with its weights at 1.
+    """
+    own = system.model
     with pyro.settings.context(module_local_params=True):
-        explicit = ExplicitMaskCGMM(
-            system.config.steering(torch.complex128),
-            system.config.model.num_sources,
-            system.model.level_prior,
-            system.model.direction_prior,
-            system.model.diffuse,
-            system.model.bin_weight,
+        explicit, marginal = (
+            kind(
+                system.config.steering(torch.complex128),
+                own.num_sources,
+                own.level_prior,
+                own.direction_prior,
+                own.diffuse,
+                own.bin_weight,
+                room=own.room,
+            )
+            for kind in (ExplicitMaskCGMM, SpatialCGMM)
         )
-    enumerated = TraceEnum_ELBO(max_plate_nesting=3)(explicit, system.guide)
-    marginal = TraceELBOWithTerms()(system.model, system.guide)
-    reference_loss, reference_gradient = _evaluate(system, seed, lambda: enumerated(x_bfmt, image_bcij))
-    loss, gradient = _evaluate(system, seed, lambda: marginal(x_bfmt, image_bcij))
+    by_masks = TraceEnum_ELBO(max_plate_nesting=3)(explicit, system.guide)
+    summed_out = TraceELBOWithTerms()(marginal, system.guide)
+    reference_loss, reference_gradient = _evaluate(system, seed, lambda: by_masks(x_bfmt, image_bcij))
+    loss, gradient = _evaluate(system, seed, lambda: summed_out(x_bfmt, image_bcij))
     return [_difference("loss", reference_loss, loss), _gradient_difference(reference_gradient, gradient)]
 
 
@@ -112,7 +124,11 @@ def sampled_agreement(
 
 def _closed_form(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> ClosedFormTerms:
     assert isinstance(system.guide, AmortizedGuide)
-    sizes = system.config.model
+    sizes, likelihood = system.config.model, system.config.likelihood()
+    bin_weight_bft = None
+    if isinstance(likelihood, PrecedenceGaussian):
+        log_decay = -math.log(1e6) * likelihood.frame_s / likelihood.decay_s
+        bin_weight_bft = onset_weights(x_bfmt, log_decay, likelihood.least)
     terms = closed_form_terms(
         system.guide,
         system.config.steering(torch.complex128),
@@ -121,6 +137,8 @@ def _closed_form(system: System, x_bfmt: Tensor, image_bcij: Tensor) -> ClosedFo
         prior_alpha=sizes.alpha,
         prior_sigma=sizes.sigma,
         diffuse=sizes.diffuse,
+        room=system.config.room(),
+        bin_weight_bft=bin_weight_bft,
     )
     return replace(terms, log_likelihood_b=sizes.bin_weight * terms.log_likelihood_b)
 

@@ -23,7 +23,7 @@ from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.guides.unconstrained_gaussian import log_normal_and_dirichlet
 from avssl_pyro.models.explicit_masks import ExplicitMaskCGMM
-from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, ProfiledGaussian
+from avssl_pyro.models.likelihoods import FrameActivity, InverseGammaPsd, PrecedenceGaussian, ProfiledGaussian
 from avssl_pyro.models.priors import (
     CircularWeights,
     GammaWeights,
@@ -35,22 +35,38 @@ from avssl_pyro.models.priors import (
     StickBreaking,
     SymmetricDirichlet,
 )
+from avssl_pyro.models.room import ROOM_DIFFUSE, Room
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.networks.audio import AudioNet
 from avssl_pyro.networks.visual import VisualNet
 from avssl_pyro.training.elbo_terms import has_analytic_kl
 
 B, D, K, T = 2, 8, 3, 4
-STEERING_FDM = FreeField(PRESETS["circle4"])(DirectionGrid(D), np.array([500.0, 1000.0, 2000.0])).to(torch.complex64)
+GRID, FREQUENCIES = DirectionGrid(D), np.array([500.0, 1000.0, 2000.0])
+STEERING_FDM = FreeField(PRESETS["circle4"])(GRID, FREQUENCIES).to(torch.complex64)
+ROOM = Room.of_array(PRESETS["circle4"], GRID, FREQUENCIES)
 STEPS = PerClipConfig(steps=2)
 
 
-def amortized(_: SpatialCGMM | None = None) -> AmortizedGuide:
-    return AmortizedGuide(VisualNet(K, D, channels=(4, 4)), AudioNet(STEERING_FDM, channels=4)).eval()
+def with_room(*args: Any, **kwargs: Any) -> SpatialCGMM:
+    return SpatialCGMM(*args, **kwargs, diffuse=ROOM_DIFFUSE, room=ROOM)
 
 
-def uniform(_: SpatialCGMM) -> UniformLevelGuide:
-    return UniformLevelGuide(VisualNet(K, D, channels=(4, 4))).eval()
+def explicit_with_room(*args: Any, **kwargs: Any) -> ExplicitMaskCGMM:
+    return ExplicitMaskCGMM(*args, **kwargs, diffuse=ROOM_DIFFUSE, room=ROOM)
+
+
+def num_diffuse(model: SpatialCGMM | None) -> int:
+    return model.room.num_components if model is not None and model.room is not None else 0
+
+
+def amortized(model: SpatialCGMM | None = None) -> AmortizedGuide:
+    audio = AudioNet(STEERING_FDM, channels=4, num_diffuse=num_diffuse(model))
+    return AmortizedGuide(VisualNet(K, D, channels=(4, 4)), audio).eval()
+
+
+def uniform(model: SpatialCGMM) -> UniformLevelGuide:
+    return UniformLevelGuide(VisualNet(K, D, channels=(4, 4)), num_diffuse=num_diffuse(model)).eval()
 
 
 def refined(model: SpatialCGMM) -> RefinedGuide:
@@ -58,10 +74,11 @@ def refined(model: SpatialCGMM) -> RefinedGuide:
 
 
 def mean_field(model: SpatialCGMM) -> PerClipGuide:
-    return PerClipGuide(amortized(), model, MeanField(), STEPS)
+    return PerClipGuide(amortized(model), model, MeanField(), STEPS)
 
 
 def low_rank(model: SpatialCGMM) -> PerClipGuide:
+    """From a start without diffuse weights."""
     return PerClipGuide(amortized(), model, LowRank(2), STEPS)
 
 
@@ -71,7 +88,7 @@ class Choice(NamedTuple):
     levels: Any = SparseDirichlet()
     directions: Any = LogNormalWeights()
     likelihood: Any = ProfiledGaussian()
-    model: type[SpatialCGMM] = SpatialCGMM
+    model: Callable[..., SpatialCGMM] = SpatialCGMM
     guide: Callable[[SpatialCGMM], nn.Module] = amortized
     estimator: Callable[[], ELBO] = Trace_ELBO
 
@@ -85,18 +102,19 @@ FACTORS: dict[str, list[Any]] = {
         SpikeAndSlabWeights(),
         CircularWeights(width_deg=60.0),
     ],
-    "likelihood": [ProfiledGaussian(), InverseGammaPsd(), FrameActivity()],
-    "model": [SpatialCGMM, ExplicitMaskCGMM],
+    "likelihood": [ProfiledGaussian(), PrecedenceGaussian(), InverseGammaPsd(), FrameActivity()],
+    "model": [SpatialCGMM, with_room, ExplicitMaskCGMM, explicit_with_room],
     "guide": [amortized, uniform, refined, mean_field, low_rank],
     "estimator": [Trace_ELBO, TraceMeanField_ELBO, TraceEnum_ELBO, RenyiELBO],
 }
+EXPLICIT = (ExplicitMaskCGMM, explicit_with_room)
 REFUSALS = (
-    (lambda c: c.model is ExplicitMaskCGMM and c.likelihood != ProfiledGaussian(), "bins are independent given"),
-    (lambda c: c.model is ExplicitMaskCGMM and c.guide in (mean_field, low_rank), "whose masks are summed out"),
+    (lambda c: c.model in EXPLICIT and c.likelihood != ProfiledGaussian(), "bins are independent given"),
+    (lambda c: c.model in EXPLICIT and c.guide in (mean_field, low_rank), "whose masks are summed out"),
     (lambda c: c.guide is refined and isinstance(c.levels, StickBreaking | LogisticNormal), "has no 'pseudo_counts'"),
     (lambda c: c.guide is refined and c.likelihood == FrameActivity(), "has no 'density_generator'"),
-    (lambda c: c.model is ExplicitMaskCGMM and c.estimator is not TraceEnum_ELBO, "discrete mask in every bin"),
-    (lambda c: c.model is SpatialCGMM and c.estimator is TraceEnum_ELBO, "has nothing to sum over"),
+    (lambda c: c.model in EXPLICIT and c.estimator is not TraceEnum_ELBO, "discrete mask in every bin"),
+    (lambda c: c.model not in EXPLICIT and c.estimator is TraceEnum_ELBO, "has nothing to sum over"),
 )
 
 
@@ -107,7 +125,7 @@ def all_pairs() -> Iterator[Choice]:
         for one, other in itertools.product(ones, others):
             choice = Choice(**{first: one, second: other})
             # Explicit masks are summed out by one estimator alone, so it is the default beside them.
-            if choice.model is ExplicitMaskCGMM and "estimator" not in (first, second):
+            if choice.model in EXPLICIT and "estimator" not in (first, second):
                 choice = choice._replace(estimator=TraceEnum_ELBO)
             if choice not in seen:
                 seen.add(choice)
@@ -168,6 +186,11 @@ def test_renyis_bound_is_refused_where_bins_count_more_than_once() -> None:
 def test_different_numbers_of_classes_are_refused() -> None:
     with pytest.raises(InputError, match="the guide has 3 source classes and the model 5"):
         Combination(SpatialCGMM(STEERING_FDM, 5), amortized(), Trace_ELBO())
+
+
+def test_different_numbers_of_diffuse_components_are_refused() -> None:
+    with pytest.raises(InputError, match="the guide has 0 diffuse components and the model 2; give both the same"):
+        Combination(with_room(STEERING_FDM, K), amortized(), Trace_ELBO())
 
 
 def test_bounds_are_ordered_and_estimators_agree(data: tuple[Tensor, Tensor]) -> None:

@@ -31,8 +31,12 @@ from avssl_pyro.criticism.elbo_comparison import (
     mean_field_differences,
     sampled_agreement,
 )
+from avssl_pyro.distributions.precedence import log_decay_of, precedence_weights
+from avssl_pyro.distributions.profiled_gaussian import observe
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
+from avssl_pyro.models.likelihoods import PrecedenceGaussian
 from avssl_pyro.models.priors import LogNormalWeights, SparseDirichlet
+from avssl_pyro.models.room import ROOM_DIFFUSE
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.systems.config import GuideConfig, ModelConfig
 from avssl_pyro.systems.system import System, SystemConfig, build_system
@@ -44,6 +48,7 @@ CONFIG = SystemConfig(
     guide=GuideConfig(visual_channels=(4, 6), audio_channels=4),
     stft=StftConfig(window=64, hop=160),
 )
+ROOM_MODEL = ModelConfig(num_sources=3, num_directions=36, diffuse=ROOM_DIFFUSE, room=True)
 EXACT = 1e-9
 
 
@@ -90,6 +95,44 @@ def test_mean_field_elbo_is_the_closed_form(sizes: ModelConfig, clips: tuple[Ten
     if sizes.num_sources == 1:
         del relative["KL of pi"]
     assert max(relative.values()) <= EXACT, relative
+
+
+def test_mean_field_elbo_of_a_room_is_the_closed_form(clips: tuple[Tensor, Tensor]) -> None:
+    system = make_system(replace(CONFIG, model=ROOM_MODEL))
+    assert isinstance(system.model.likelihood, PrecedenceGaussian)
+    relative = by_name(mean_field_differences(system, *clips, seed=5))
+    assert set(relative) == {"log likelihood", "KL of w", "KL of pi", "KL of e", "loss", "gradients (norm)"}
+    assert max(relative.values()) <= EXACT, relative
+    assert all(sites(system, clips).values())
+
+
+def test_other_comparisons_of_a_room(clips: tuple[Tensor, Tensor]) -> None:
+    system = make_system(replace(CONFIG, model=ROOM_MODEL))
+    relative = by_name(explicit_mask_differences(system, *clips, seed=6))
+    assert max(relative.values()) <= EXACT, relative
+    agreement = sampled_agreement(system, *clips, draws=60)
+    assert abs(agreement.z_score) <= 4
+
+
+def test_weights_of_bins_by_recursion_are_those_of_the_distribution(clips: tuple[Tensor, Tensor]) -> None:
+    x_bfmt, _ = clips
+    log_decay, least = log_decay_of(0.5, 0.01), 0.05
+    found_bft = closed_form.onset_weights(x_bfmt, log_decay, least)
+    torch.testing.assert_close(found_bft, precedence_weights(observe(x_bfmt), log_decay, least), rtol=1e-10, atol=0)
+    assert found_bft.std() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "term"), [("room_log_likelihood", "log likelihood"), ("kl_diffuse_weights", "KL of e")]
+)
+def test_a_wrong_term_of_a_room_is_caught_and_named(
+    name: str, term: str, clips: tuple[Tensor, Tensor], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    right = getattr(closed_form, name)
+    monkeypatch.setattr(closed_form, name, lambda *args: 1.01 * right(*args))
+    relative = by_name(mean_field_differences(make_system(replace(CONFIG, model=ROOM_MODEL)), *clips))
+    touched = {term, "loss", "gradients (norm)"}
+    assert {other for other, value in relative.items() if value > EXACT} == touched
 
 
 def test_marginal_elbo_is_that_of_explicit_masks(system: System, clips: tuple[Tensor, Tensor]) -> None:

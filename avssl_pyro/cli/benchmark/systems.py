@@ -156,7 +156,7 @@ def combinations(args: Sequence[str] | None = None) -> None:
         raise InputError(
             f"--num-combinations is {options.num_combinations}; give at least 1, or leave it out for all combinations."
         )
-    from avssl_pyro.benchmarks.combinations import RECIPES, run_combinations
+    from avssl_pyro.benchmarks.combinations import recipes_for, run_combinations
     from avssl_pyro.datasets.builtin import TEST, VALIDATION, open_scenes
 
     system, array = choose_system(options.checkpoint, options.array, MOST_GENERAL)
@@ -164,7 +164,7 @@ def combinations(args: Sequence[str] | None = None) -> None:
         open_scenes(options.validation_data, array, options.cache, VALIDATION, "some-silent", sizes[0]),
         open_scenes(options.test_data, array, options.cache, TEST, "some-silent", sizes[1]),
     )
-    recipes = RECIPES[: options.num_combinations]
+    recipes = recipes_for(system)[: options.num_combinations]
     run_combinations(recipes, system, sets, sizes, options.out, options.seed).print()
     print(f"{options.out / 'combinations.md'}: written, and combinations.json beside it.")
 

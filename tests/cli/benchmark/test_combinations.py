@@ -1,15 +1,23 @@
 """The table of combinations: what it holds, and that a stopped command goes on where it was."""
 
 import json
+import math
 from pathlib import Path
 
 import pytest
+import torch
 
+from avssl_pyro.acoustics.presets import PRESETS
+from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.benchmarks import combinations
-from avssl_pyro.benchmarks.combinations import RECIPES
+from avssl_pyro.benchmarks.combinations import recipes_for
 from avssl_pyro.cli.benchmark import systems
 from avssl_pyro.cli.options import choose_system
 from avssl_pyro.errors import InputError
+from avssl_pyro.models.likelihoods import ProfiledGaussian
+from avssl_pyro.models.room import ROOM_DIFFUSE
+from avssl_pyro.systems.config import GuideConfig, ModelConfig
+from avssl_pyro.systems.system import SystemConfig, build_system
 
 
 @pytest.fixture
@@ -54,12 +62,25 @@ def test_rows_of_several_combinations_are_kept(
 
 def test_every_recipe_can_be_built_for_the_shipped_system() -> None:
     system, _ = choose_system(None, "circle4", "circle6")
-    words = {recipe.words for recipe in RECIPES}
-    assert len(words) == len(RECIPES) >= 8
-    for recipe in RECIPES:
+    recipes = recipes_for(system)
+    assert len({recipe.words for recipe in recipes}) == len(recipes) >= 8
+    for recipe in recipes:
         combination = recipe.build(system)
         assert combination.model.likelihood == recipe.likelihood
         assert combination.model.bin_weight == system.model.bin_weight
+        assert combination.model.room is system.model.room
+
+
+def test_recipes_of_a_room_are_around_its_likelihood_and_every_guide_runs() -> None:
+    sizes = ModelConfig(num_sources=2, num_directions=8, diffuse=ROOM_DIFFUSE, room=True)
+    guide = GuideConfig(visual_channels=(4, 4), audio_channels=4)
+    system = build_system(SystemConfig(PRESETS["circle4"], sizes, guide, StftConfig(window=64)))
+    recipes = recipes_for(system)
+    assert [recipe.likelihood for recipe in recipes[:3]] == [system.model.likelihood] * 2 + [ProfiledGaussian()]
+    assert len({recipe.words for recipe in recipes}) == len(recipes)
+    x_bfmt, image_bcij = torch.randn(1, 33, 4, 6, dtype=torch.complex64), torch.rand(1, 3, 16, 32)
+    for recipe in {recipe.guide: recipe for recipe in reversed(recipes)}.values():
+        assert math.isfinite(recipe.build(system).elbo(x_bfmt, image_bcij))
 
 
 def test_no_scenes_and_damaged_rows_are_told(arguments: list[str], tmp_path: Path) -> None:
