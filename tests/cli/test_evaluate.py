@@ -72,6 +72,12 @@ def test_the_comparison_agrees_and_a_wrong_prior_would_not(
     assert "DISAGREE" in capsys.readouterr().out
 
 
+def test_the_comparison_of_a_room_agrees(capsys: pytest.CaptureFixture[str]) -> None:
+    short = ["--seconds", "0.05", "--num-clips", "1", "--num-draws", "8"]
+    assert systems.elbo(["--model.room", "--model.diffuse", "0.01", *short]) == 0
+    assert "KL of e" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("main", [systems.elbo, lambda words: gallery.main(["--data", "none", *words])])
 def test_a_checkpoint_of_another_array_is_refused(main: Callable[[Sequence[str]], object], checkpoint: Path) -> None:
     with pytest.raises(InputError, match=r"small\.safetensors: trained for array 'circle4' with 4 microphones, but"):
