@@ -105,7 +105,7 @@ def test_a_cell_survives_json():
     assert (again.condition, again.array, again.microphones) == ("some-silent", "circle4", 4)
     names = ["random", "constant-count", "music", "amortized", "no-audio-net"]
     assert [run.name for run in again.runs.methods] == names
-    assert again.runs.methods[3].tuned.setting["least"] == 0.03
+    assert again.runs.methods[3].tuned.setting["least"] == 0.01
     for before, after in zip(found.runs.methods, again.runs.methods, strict=True):
         for first, second in zip(before.estimates, after.estimates, strict=True):
             assert np.array_equal(second, first)
