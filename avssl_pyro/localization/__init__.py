@@ -5,4 +5,5 @@ __all__ = [
     "localizer",
     "posterior",
     "results",
+    "spread",
 ]

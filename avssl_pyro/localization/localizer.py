@@ -11,7 +11,6 @@ from attrs import evolve
 from torch import Tensor
 
 from avssl_pyro.acoustics.channel_gains import ChannelGains, GainEstimator
-from avssl_pyro.acoustics.grid import wrap_angle
 from avssl_pyro.acoustics.stft import loud_frames, stft
 from avssl_pyro.batch import collate_clips
 from avssl_pyro.clip import Clip
@@ -23,9 +22,8 @@ from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.localization.direct_level import DirectLevelRule
 from avssl_pyro.localization.posterior import ClipPosterior
 from avssl_pyro.localization.results import Localization
+from avssl_pyro.localization.spread import azimuth_std
 from avssl_pyro.systems.system import System
-
-DIRECTION_DRAWS = 64
 
 
 def audio_only_refinement(refinement: RefinementConfig) -> RefinementConfig:
@@ -46,7 +44,6 @@ class Localizer:
         rule: conditions under which a class counts as a source.
         pause_db: decibels below a clip's loudest frame; frames quieter than that are left out. Pauses hold only noise,
             and every one of them lowers the levels, the shares of bins that the sources dominate.
-        seed: seed of the draws behind the posterior spread of directions.
         gains: gains and signs of the channels, which are undone; by default each clip's own, as estimated.
 
     Raises:
@@ -71,7 +68,6 @@ class Localizer:
         guide: PosteriorGuide | None = None,
         rule: DirectLevelRule | None = None,
         pause_db: float | None = None,
-        seed: int = 0,
         gains: ChannelGains | None = None,
     ) -> None:
         self.config = system.config
@@ -90,7 +86,6 @@ class Localizer:
         self.rule = DirectLevelRule() if rule is None else rule
         self.uniform_levels = uniform_levels
         self.pause_db = pause_db
-        self.seed = seed
         self.gains = gains
         self._gain_estimator = GainEstimator(self.config.array, self.config.stft)
 
@@ -151,7 +146,7 @@ class Localizer:
         share_bkd = parameters.mu_bkd.softmax(-1)
         diffuse_bkc = _diffuse_shares(parameters)
         level_bk, level_std_bk = self._levels(parameters)
-        std_bk = self._azimuth_std(parameters)
+        std_bk = azimuth_std(parameters.mu_bkd, parameters.sigma_bkd, self.config.grid.spacing)
         return [
             ClipPosterior(
                 direction_weights_kd=share_bkd[b].double().cpu().numpy(),
@@ -172,17 +167,6 @@ class Localizer:
         total_b1 = concentration_bk.sum(-1, keepdim=True)
         level_bk = concentration_bk / total_b1
         return level_bk, (level_bk * (1 - level_bk) / (total_b1 + 1)).sqrt()
-
-    def _azimuth_std(self, parameters: GuideParameters) -> Tensor:
-        """Spread of arg max_d w_kd under q(w | image), plus the grid's own resolution, (B, K), radians."""
-        mu_bkd = parameters.mu_bkd.cpu()
-        generator = torch.Generator().manual_seed(self.seed)
-        noise = torch.randn(DIRECTION_DRAWS, *mu_bkd.shape[1:], generator=generator, dtype=mu_bkd.dtype)
-        drawn_sbk = (mu_bkd + parameters.sigma_bkd.cpu() * noise[:, None]).argmax(-1)
-        azimuths_d = self.config.grid.azimuths
-        offset_sbk = wrap_angle(azimuths_d[drawn_sbk.numpy()] - azimuths_d[mu_bkd.argmax(-1).numpy()])
-        variance_bk = np.mean(offset_sbk**2, axis=0) + self.config.grid.spacing**2 / 12
-        return torch.from_numpy(np.sqrt(variance_bk))
 
 
 def _guide(system: System, refinement: RefinementConfig | None, audio_only: bool) -> PosteriorGuide:

@@ -27,7 +27,7 @@ def command_of(name: str) -> list[str]:
 def user_folder(scene_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     scene = SceneDataset(scene_folder, PRESETS["circle6"])[0]
     cv2.imwrite(str(tmp_path / "panorama.jpg"), cv2.cvtColor(scene.image_ijc, cv2.COLOR_RGB2BGR))
-    soundfile.write(tmp_path / "clip.wav", scene.audio_mn.T, 16_000, subtype="FLOAT")
+    soundfile.write(tmp_path / "clip.flac", scene.audio_mn.T, 16_000, subtype="PCM_24")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
