@@ -20,13 +20,14 @@ from avssl_pyro.viz.palette import OKABE_ITO, Color, color_of, ink_on
 from avssl_pyro.viz.panorama_axes import MIN_WIDTH, BoxSize, LabelBox, PanoramaAxes, place_boxes
 
 DPI = 100
-# A class that is no source is faint; it needs a direction of this weight, this far from all sources (radians).
-SILENT_EMPHASIS, SILENT_MIN_WEIGHT, SILENT_DISTANCE = 0.4, 0.1, np.deg2rad(15.0)
+# A rejected class is faint; it needs a direction of this weight, this far from all sources (radians).
+REJECTED_EMPHASIS, REJECTED_MIN_WEIGHT, REJECTED_DISTANCE = 0.4, 0.1, np.deg2rad(15.0)
+REJECTED = "\N{MULTIPLICATION SIGN}"
 
 
 @dataclass(frozen=True)
 class _Mark:
-    """One labelled class: a source, or a silent class with a pronounced direction."""
+    """One labelled class: a source, or a class with a pronounced direction that was rejected."""
 
     source_class: int
     azimuth: float
@@ -64,15 +65,15 @@ def _marks(
     shown = {source.source_class for source in sources}
     for k, weights_d in enumerate(posterior.direction_weights_kd):
         azimuth = float(grid.azimuths[int(weights_d.argmax())])
-        apart = all(abs(float(wrap_angle(azimuth - other.azimuth))) > SILENT_DISTANCE for other in marks)
-        if k not in shown and apart and float(weights_d.max()) >= SILENT_MIN_WEIGHT:
+        apart = all(abs(float(wrap_angle(azimuth - other.azimuth))) > REJECTED_DISTANCE for other in marks)
+        if k not in shown and apart and float(weights_d.max()) >= REJECTED_MIN_WEIGHT:
             shown.add(k)
             marks.append(mark(k, azimuth, float(posterior.mixing_levels_k[k]), None))
     return marks
 
 
 def _draw_box(ax: Axes, unit: float, mark: _Mark, box: LabelBox, size: BoxSize) -> None:
-    """Draws the level in a box, filled for a source, hollow for a silent class."""
+    """Draws a box: filled with the level for a source, hollow with a cross for a rejected class."""
     filled = mark.source is not None
     for x in box.centers:
         ax.add_patch(
@@ -91,7 +92,7 @@ def _draw_box(ax: Axes, unit: float, mark: _Mark, box: LabelBox, size: BoxSize) 
             x,
             # The font's digits are a little above the middle of the line.
             box.y + unit,
-            f"{mark.level:.2f}",
+            f"{mark.level:.2f}" if filled else REJECTED,
             color=ink_on(mark.color) if filled else "white",
             weight="bold" if filled else "normal",
             fontsize=11 * unit,
@@ -179,8 +180,9 @@ def draw_overlay(
     """Draws a localized clip; marks that cross the seam at 180 degrees continue at the other side.
 
     Each source has an activation map, a line and a pointer in the color of its class, a bar of two standard deviations
-    either way on the ruler, and its mixing level in a filled box. Other classes with a pronounced direction, such as
-    people who do not speak, are faint, with a dashed line and a hollow box.
+    either way on the ruler, and its mixing level in a filled box. A class with a pronounced direction whose direct level
+    is too low for a source is faint, with a dashed line and a cross in a hollow box: it was rejected, whatever is in
+    the picture there.
 
     Args:
         image_ijc: image, RGB, (I, J, 3), equirectangular, left edge at +180 degrees, same view as the activations.
@@ -203,7 +205,7 @@ def draw_overlay(
     marks = _marks(posterior, sources, grid, strength_kij, colors)
     emphasis = [0.0] * len(strength_kij)
     for mark in marks:
-        emphasis[mark.source_class] = SILENT_EMPHASIS if mark.source is None else 1.0
+        emphasis[mark.source_class] = REJECTED_EMPHASIS if mark.source is None else 1.0
     blended_ijc = blend_class_colors(desaturate(np.asarray(photo_ijc, dtype=np.uint8)), strength_kij, colors, emphasis)
     background_ijc = np.zeros((canvas.height, canvas.width, 3), dtype=np.uint8)
     background_ijc[: canvas.image_height] = (255 * blended_ijc + 0.5).clip(0, 255).astype(np.uint8)
