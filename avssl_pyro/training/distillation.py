@@ -110,11 +110,13 @@ class DistillationLoss(nn.Module):
         source_bkc = guide.source_features(feature_bcdt, mu_bkd.softmax(-1))
         concentration_bk = guide.concentration(source_bkc)
         log_level_bk = (concentration_bk / concentration_bk.sum(-1, keepdim=True)).log()
+        of_levels = -(target.pi_bk * log_level_bk).sum(-1).mean()
         if guide.num_diffuse:
             diffuse_bkc = diffuse_mu(mu_bkd, guide.log_diffuse_ratios(source_bkc))
             log_share_bkj = torch.cat([mu_bkd, diffuse_bkc], dim=-1).log_softmax(-1)
-            log_level_bk = log_level_bk - split_entropy(target_share_bkj, log_share_bkj, d)
-        return of_directions, -(target.pi_bk * log_level_bk).sum(-1).mean()
+            # Whatever their level: that a class is diffuse is what tells a silent person from a quiet talker.
+            of_levels = of_levels + split_entropy(target_share_bkj, log_share_bkj, d).mean()
+        return of_directions, of_levels
 
     def _diffuse_mu(self, trace: Any, mu_bkd: Tensor) -> tuple[Tensor, ...]:
         """Means of log e at the means of log w, (B, K, C), where the model has a room."""
