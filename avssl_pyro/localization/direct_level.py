@@ -37,7 +37,7 @@ class DirectLevelRule:
     DirectLevelRule(least=0.01, cells=5, merge_deg=12.0)
     """
 
-    least: float = 0.006
+    least: float = 0.007
     cells: int = 5
     merge_deg: float = 12.0
 
