@@ -180,9 +180,9 @@ def draw_overlay(
     """Draws a localized clip; marks that cross the seam at 180 degrees continue at the other side.
 
     Each source has an activation map, a line and a pointer in the color of its class, a bar of two standard deviations
-    either way on the ruler, and its mixing level in a filled box. A class with a pronounced direction whose direct level
-    is too low for a source is faint, with a dashed line and a cross in a hollow box: it was rejected, whatever is in
-    the picture there.
+    either way on the ruler, and its mixing level in a filled box. A class with a pronounced direction whose direct
+    level is too low for a source is faint, with a dashed line and a cross in a hollow box: it was rejected, whatever is
+    in the picture there.
 
     Args:
         image_ijc: image, RGB, (I, J, 3), equirectangular, left edge at +180 degrees, same view as the activations.
