@@ -87,6 +87,10 @@ class DirectLevelRule:
         return tuple(source for source in merge_close(classes, self.merge_deg) if source.direct_level >= self.least)
 
 
+# One forward pass gives expectations of levels before the clip has decided: quiet classes have higher ones.
+ONE_PASS_RULE = DirectLevelRule(least=0.035)
+
+
 def _azimuth(weights_d: npt.NDArray[np.float64], peak: int, grid: DirectionGrid) -> float:
     """Azimuth of the strongest of three neighbours about the peak, radians."""
     middle = (peak + np.array([-1, 0, 1])) % len(weights_d)

@@ -19,7 +19,7 @@ from avssl_pyro.guides.base import GuideParameters, PosteriorGuide
 from avssl_pyro.guides.initializers import UninformedInitializer
 from avssl_pyro.guides.refined import RefinedGuide
 from avssl_pyro.guides.refinement_config import RefinementConfig
-from avssl_pyro.localization.direct_level import DirectLevelRule
+from avssl_pyro.localization.direct_level import ONE_PASS_RULE, DirectLevelRule
 from avssl_pyro.localization.posterior import ClipPosterior
 from avssl_pyro.localization.results import Localization
 from avssl_pyro.localization.spread import azimuth_std
@@ -41,7 +41,8 @@ class Localizer:
         audio_only: ignore the images; the refinement starts from broad lobes around the circle instead.
         uniform_levels: ignore the audio network and give every class the level 1/K ("w/o Aud").
         guide: guide used in place of all these; it may belong to another model of the same array.
-        rule: conditions under which a class counts as a source.
+        rule: conditions under which a class counts as a source; by default :class:`DirectLevelRule`, or
+            :data:`ONE_PASS_RULE` for a guide that is not fitted to each clip.
         pause_db: decibels below a clip's loudest frame; frames quieter than that are left out. Pauses hold only noise,
             and every one of them lowers the levels, the shares of bins that the sources dominate.
         gains: gains and signs of the channels, which are undone; by default each clip's own, as estimated.
@@ -83,7 +84,7 @@ class Localizer:
             )
         self.guide = guide.to(self.device).eval()
         self.audio_only = audio_only
-        self.rule = DirectLevelRule() if rule is None else rule
+        self.rule = _default_rule(self.guide) if rule is None else rule
         self.uniform_levels = uniform_levels
         self.pause_db = pause_db
         self.gains = gains
@@ -174,6 +175,10 @@ def _guide(system: System, refinement: RefinementConfig | None, audio_only: bool
         lobes = UninformedInitializer(system.config.model.num_sources, system.config.grid)
         return RefinedGuide(lobes, system.model, audio_only_refinement(refinement or RefinementConfig()))
     return system.guide if refinement is None else RefinedGuide(system.guide, system.model, refinement)
+
+
+def _default_rule(guide: PosteriorGuide) -> DirectLevelRule:
+    return DirectLevelRule() if getattr(guide, "fits_each_clip", False) else ONE_PASS_RULE
 
 
 def _diffuse_shares(parameters: GuideParameters) -> Tensor | None:

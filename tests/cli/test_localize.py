@@ -14,7 +14,7 @@ from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.cli.localize import main, parse
 from avssl_pyro.datasets.dataset import SceneDataset
-from avssl_pyro.localization.direct_level import DirectLevelRule
+from avssl_pyro.localization.direct_level import ONE_PASS_RULE, DirectLevelRule
 
 ARRAY = PRESETS["circle4"]
 
@@ -56,9 +56,11 @@ def test_the_result_is_documented_and_the_overlay_a_picture(
     assert picture.shape[1] >= 1152
 
 
-@pytest.mark.parametrize("words", [[], ["--rounds", "0"], ["--image", "picture.png"]])
-def test_every_kind_of_answer_has_one_default_of_what_is_a_source(words: list[str]) -> None:
-    assert parse(["--out", "x", *words]).least_level == DirectLevelRule().least
+def test_the_help_states_the_defaults_of_the_rule(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parse(["--help"])
+    printed = " ".join(capsys.readouterr().out.replace("\u2502", " ").split())
+    assert f"By default {DirectLevelRule().least}, or {ONE_PASS_RULE.least} with --rounds 0" in printed
 
 
 def test_another_rate_and_a_full_sphere_give_the_same_sources(
