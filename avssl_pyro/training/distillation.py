@@ -114,7 +114,7 @@ class DistillationLoss(nn.Module):
         if guide.num_diffuse:
             diffuse_bkc = diffuse_mu(mu_bkd, guide.log_diffuse_ratios(source_bkc))
             log_share_bkj = torch.cat([mu_bkd, diffuse_bkc], dim=-1).log_softmax(-1)
-            # Whatever their level: that a class is diffuse is what tells a silent person from a quiet talker.
+            # Whatever their level: a silent person differs from a quiet talker by a more diffuse class.
             of_levels = of_levels + split_entropy(target_share_bkj, log_share_bkj, d).mean()
         return of_directions, of_levels
 
