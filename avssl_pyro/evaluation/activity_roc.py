@@ -35,14 +35,14 @@ def levels_of(
     grid: DirectionGrid,
     within: float = float(np.deg2rad(WITHIN_DEG)),
 ) -> npt.NDArray[np.float64]:
-    """Direct level of the source class nearest to each person, (R,), or 0 if none is near.
+    """Direct level of the source nearest to each person, close classes merged, (R,), or 0 if none is near.
 
     Args:
         people: azimuths, (R,), radians.
         posterior, grid: posterior of a clip and its directions; classes alike in all directions are left out.
         within: largest angle between a person and its class, radians.
     """
-    pointed = DirectLevelRule(least=0.0, merge_deg=0.0).select(posterior, grid)
+    pointed = DirectLevelRule(least=0.0).select(posterior, grid)
     error_re = angular_errors(people, [source.azimuth for source in pointed])
     if not pointed:
         return np.zeros(len(error_re))

@@ -17,7 +17,25 @@ from avssl_pyro.localization.posterior import ClipPosterior
 
 # Half a point of F-measure is noise on some hundred scenes.
 AS_GOOD_F = 0.005
-LEVELS = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.008, 0.01, 0.013, 0.016, 0.02, 0.025, 0.03, 0.04, 0.06, 0.1)
+LEVELS = (
+    0.001,
+    0.002,
+    0.003,
+    0.004,
+    0.005,
+    0.006,
+    0.007,
+    0.008,
+    0.01,
+    0.013,
+    0.016,
+    0.02,
+    0.03,
+    0.035,
+    0.04,
+    0.06,
+    0.1,
+)
 SOURCE_SETTINGS = tuple(DirectLevelRule(level) for level in LEVELS)
 ObservationT = TypeVar("ObservationT")
 SettingT = TypeVar("SettingT")
