@@ -26,6 +26,7 @@ from avssl_pyro.acoustics.room_templates import (
 )
 from avssl_pyro.distributions.diffuse_prior import DirectionsAndDiffuse
 from avssl_pyro.distributions.log_weight_priors import LogWeightPrior
+from avssl_pyro.errors import InputError
 from avssl_pyro.validators import positive
 
 # A room has its own diffuse part, so eps only keeps H invertible.
@@ -69,13 +70,15 @@ class Room:
             shares: elevations in degrees and their shares, as of :func:`elevated_templates`.
 
         Raises:
-            InputError: the array's response is not known in the directions needed.
+            InputError: there is no component, or the array's response is not known in the directions needed.
 
         >>> from avssl_pyro.acoustics.presets import PRESETS
         >>> room = Room.of_array(PRESETS["circle4"], DirectionGrid(8), np.linspace(0, 8000, 5))
         >>> room.direction_dfmm.shape, room.num_components
         (torch.Size([8, 5, 4, 4]), 2)
         """
+        if not components:
+            raise InputError("Room.of_array: there is no diffuse component; give at least one, or a model no room.")
         diffuse_cfmm = torch.stack([component(array, frequencies_hz) for component in components])
         return cls(elevated_templates(array, grid, frequencies_hz, shares), diffuse_cfmm)
 

@@ -53,10 +53,12 @@ class IsotropicField:
     num_points: int = field(default=600, validator=at_least(4))
 
     def __call__(self, array: MicrophoneArray, frequencies_hz: npt.NDArray[np.float64]) -> Tensor:
-        whole = array.steering.has_elevations
-        unit_dx = fibonacci_sphere(self.num_points) if whole else DirectionGrid(self.num_points).unit_vectors
-        pressure_fdm = array.steering.model(array).pressure(unit_dx, frequencies_hz)
-        a_fdm = torch.from_numpy(pressure_fdm)
+        if array.steering.has_elevations:
+            unit_dx = fibonacci_sphere(self.num_points)
+            a_fdm = torch.from_numpy(array.steering.model(array).pressure(unit_dx, frequencies_hz))
+        else:
+            # Measured responses have an arbitrary scale in every direction, which steering vectors do not.
+            a_fdm = array.steering_vectors(DirectionGrid(self.num_points), frequencies_hz)
         mean_fmm = torch.einsum("fdm,fdn->fmn", a_fdm, a_fdm.conj()) / self.num_points
         trace_f11 = mean_fmm.diagonal(dim1=-2, dim2=-1).real.sum(-1)[:, None, None]
         tiny = torch.finfo(trace_f11.dtype).tiny
@@ -83,14 +85,20 @@ def elevated_templates(
     """
     if shares is None:
         shares = ELEVATION_SHARES if array.steering.has_elevations else HORIZON
-    steering = array.steering.model(array)
     total_dfmm = torch.zeros(())
     for elevation_deg, share in shares:
-        elevation = math.radians(elevation_deg)
-        unit_dx = grid.unit_vectors * math.cos(elevation) + np.array([0.0, 0.0, math.sin(elevation)])
-        a_fdm = normalized(steering.pressure(unit_dx, frequencies_hz))
+        a_fdm = _steering_vectors(array, grid, frequencies_hz, math.radians(elevation_deg))
         total_dfmm = total_dfmm + share * template_covariances(a_fdm)
     return total_dfmm
+
+
+def _steering_vectors(
+    array: MicrophoneArray, grid: DirectionGrid, frequencies_hz: npt.NDArray[np.float64], elevation: float
+) -> Tensor:
+    if elevation == 0:
+        return array.steering_vectors(grid, frequencies_hz)
+    unit_dx = grid.unit_vectors * math.cos(elevation) + np.array([0.0, 0.0, math.sin(elevation)])
+    return normalized(array.steering.model(array).pressure(unit_dx, frequencies_hz))
 
 
 def fibonacci_sphere(num_points: int) -> npt.NDArray[np.float64]:

@@ -12,6 +12,7 @@ from torch import Tensor
 from avssl_pyro.acoustics.covariance import inverse_and_logdet, matrix_from_features
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, quadratic_form
 from avssl_pyro.distributions.spatial_mixture import SpatialMixture
+from avssl_pyro.errors import InputError
 from avssl_pyro.localization.posterior import ClipPosterior, LocalizedSource
 
 # Diagonal loading of free covariances relative to the mean eigenvalue; few bins give no matrix of full rank.
@@ -26,14 +27,25 @@ def posterior_masks(
     Args:
         observed: spectrogram of any band.
         template_dfmm: templates of that band, complex128 (D, F, M, M), or (D + C, F, M, M) with a room.
-        posterior: posterior of the clip.
+        posterior: posterior of the clip; without diffuse shares, templates of directions alone are used.
         diffuse: diffuse power eps of the model.
+
+    Raises:
+        InputError: the posterior has diffuse shares of other components than the templates.
     """
+    num_directions = posterior.direction_weights_kd.shape[-1]
     tiny = torch.finfo(torch.float64).tiny
     w_kd = torch.from_numpy(posterior.direction_weights_kd)
     if posterior.diffuse_shares_kc is not None:
         diffuse_kc = torch.from_numpy(posterior.diffuse_shares_kc)
+        found, expected = diffuse_kc.shape[-1], len(template_dfmm) - num_directions
+        if found != expected:
+            raise InputError(
+                f"separation: the posterior has {found} diffuse components and the room of the system {expected}; "
+                "separate with the configuration of the model that localized."
+            )
         w_kd = torch.cat([w_kd * (1 - diffuse_kc.sum(-1, keepdim=True)), diffuse_kc], dim=-1)
+    template_dfmm = template_dfmm[: w_kd.shape[-1]]
     w_kd = w_kd.to(template_dfmm.device).clamp_min(tiny)
     pi_k = torch.from_numpy(posterior.mixing_levels_k).to(template_dfmm.device)
     num_frames = observed.features_bfct.shape[-1]

@@ -100,7 +100,7 @@ class Separator:
             sources: sources selected from the posterior.
 
         Raises:
-            InputError: the clip is not longer than half a window.
+            InputError: the clip is not longer than half a window, or the posterior is of another room.
         """
         config, num_samples = self.config, audio_mn.shape[-1]
         if not sources:

@@ -62,7 +62,7 @@ def _marks(
         return _Mark(k, azimuth, level, _peak_row(strength_kij[k], azimuth), colors[k], source)
 
     marks = [mark(source.source_class, source.azimuth, source.level, source) for source in sources]
-    shown = {source.source_class for source in sources}
+    shown = {k for source in sources for k in source.classes}
     for k, weights_d in enumerate(posterior.direction_weights_kd):
         azimuth = float(grid.azimuths[int(weights_d.argmax())])
         apart = all(abs(float(wrap_angle(azimuth - other.azimuth))) > REJECTED_DISTANCE for other in marks)

@@ -208,3 +208,5 @@ def test_components_are_free_and_templates_of_another_grid_are_refused() -> None
     assert SpatialCGMM(STEERING_FDM, K, room=room).template_dfmm.shape[0] == D + 1
     with pytest.raises(InputError, match="templates"):
         SpatialCGMM(STEERING_FDM[:, :-1], K, room=room)
+    with pytest.raises(InputError, match="give at least one"):
+        Room.of_array(ARRAY, GRID, FREQUENCIES, components=())

@@ -10,6 +10,7 @@ from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.stft import stft
 from avssl_pyro.acoustics.stft_config import StftConfig
 from avssl_pyro.distributions.profiled_gaussian import observe
+from avssl_pyro.errors import InputError
 from avssl_pyro.localization.posterior import LocalizedSource
 from avssl_pyro.separation.masks import fitted_masks, masks_of_sources, posterior_masks
 
@@ -35,6 +36,20 @@ def test_masks_are_probabilities_and_follow_their_classes() -> None:
         mixing_levels_k=SCENE.posterior.mixing_levels_k[order],
     )
     torch.testing.assert_close(posterior_masks(OBSERVED, TEMPLATE_DFMM, swapped, 0.1), gamma_fkt[:, order])
+
+
+def test_posteriors_of_models_without_a_room_use_directions_alone_and_others_must_fit() -> None:
+    diffuse_cfmm = torch.eye(ARRAY.num_microphones).to(TEMPLATE_DFMM).expand(2, *TEMPLATE_DFMM.shape[1:])
+    room_jfmm = torch.cat([TEMPLATE_DFMM, diffuse_cfmm])
+    plain_fkt = posterior_masks(OBSERVED, TEMPLATE_DFMM, SCENE.posterior, 0.1)
+    torch.testing.assert_close(posterior_masks(OBSERVED, room_jfmm, SCENE.posterior, 0.1), plain_fkt)
+    k = len(SCENE.posterior.mixing_levels_k)
+    none, one, two = (replace(SCENE.posterior, diffuse_shares_kc=np.full((k, c), 0.2)) for c in (0, 1, 2))
+    torch.testing.assert_close(posterior_masks(OBSERVED, TEMPLATE_DFMM, none, 0.1), plain_fkt)
+    assert (posterior_masks(OBSERVED, room_jfmm, two, 0.1) - plain_fkt).abs().max() > 0.01
+    for template_jfmm, posterior, found in ((TEMPLATE_DFMM, two, "2 .* system 0"), (room_jfmm, one, "1 .* system 2")):
+        with pytest.raises(InputError, match=f"the posterior has {found}"):
+            posterior_masks(OBSERVED, template_jfmm, posterior, 0.1)
 
 
 @pytest.mark.parametrize("reverberation", [0.0, 0.4, 1.0])

@@ -38,11 +38,11 @@ def array(request: pytest.FixtureRequest, write_sofa: Callable[..., Path]) -> Mi
     return MicrophoneArray("measured", steering=MeasuredKind.read(sofa))
 
 
-@pytest.fixture
-def config(array: MicrophoneArray) -> SystemConfig:
+@pytest.fixture(params=[False, True], ids=["no-room", "room"])
+def config(array: MicrophoneArray, request: pytest.FixtureRequest) -> SystemConfig:
     return SystemConfig(
         array,
-        ModelConfig(num_sources=2, num_directions=36),
+        ModelConfig(num_sources=2, num_directions=36, room=request.param),
         GuideConfig(visual_channels=(4, 4), audio_channels=4),
         StftConfig(low_hz=300, high_hz=4000, bin_step=4),
     )
@@ -83,6 +83,7 @@ def test_a_checkpoint_localizes_by_itself_where_the_sound_comes_from(
     loaded = load_checkpoint(path)
     assert loaded.config == config
     torch.testing.assert_close(loaded.config.steering(), config.steering(), atol=1e-5, rtol=0)
+    torch.testing.assert_close(loaded.model.template_dfmm, system.model.template_dfmm, atol=1e-5, rtol=0)
     (posterior,) = Localizer(loaded, refinement=RefinementConfig(rounds=30)).posteriors([clip])
     loudest = posterior.mixing_levels_k.argmax()
     assert abs(posterior.direction_weights_kd[loudest].argmax() - TRUE_DIRECTION) <= 1

@@ -86,6 +86,15 @@ def test_a_silent_class_is_fainter_than_a_source_and_a_diffuse_one_is_not_shown(
     assert np.ptp(picture[20:330, 530:620].reshape(-1, 3), axis=0).max() <= 2
 
 
+def test_a_class_merged_into_a_source_is_not_shown_as_rejected():
+    # A chain of merged classes may reach farther than rejected ones are kept away.
+    posterior, sources = scene([60.0, 40.0], [0.5, 0.4])
+    merged = LocalizedSource(sources[0].azimuth, 0.05, 0.9, 0.02, 0.9, 0, (1,))
+    picture = draw_overlay(GRAY, posterior, [merged], GRID)
+    alone = scene([60.0], [0.9])
+    np.testing.assert_array_equal(picture, draw_overlay(GRAY, *alone, GRID))
+
+
 def test_truth_is_drawn_only_when_given():
     posterior, sources = scene([60.0], [0.5])
     plain = draw_overlay(GRAY, posterior, sources, GRID)
