@@ -89,6 +89,8 @@ def main(args: Sequence[str] | None = None) -> int | None:
     options = parse(args)
     if options.rounds < 0:
         raise InputError(f"--rounds is {options.rounds}; give a number of rounds of refinement, or 0 for none.")
+    if options.least_level is not None and not 0 <= options.least_level <= 1:
+        raise InputError(f"--least-level is {options.least_level:g}; give a direct level from 0 to 1.")
     if options.overlay is not None and options.clips is None and options.overlay.suffix.lower() != ".png":
         raise InputError(f"--overlay {options.overlay}: pictures are written as PNG; give a name that ends in .png.")
     if options.separate is not None and options.separate.exists() and not options.separate.is_dir():

@@ -141,7 +141,7 @@ class PosteriorMethod:
     settings: Sequence[DirectLevelRule] = field(default=SOURCE_SETTINGS, repr=False)
 
     def observe_all(self, clips: Iterable[Clip]) -> list[ClipPosterior]:
-        # Activation maps are by far the largest part of a posterior, and no threshold depends on them.
+        # Activation maps are by far the largest part of a posterior, and no rule depends on them.
         return [
             replace(posterior, activations_kij=None)
             for batch in _batches(clips, self.batch_size)

@@ -60,7 +60,7 @@ class Separator:
     """Separates the clips of one system, in double precision on the CPU.
 
     Args:
-        system: configuration of the system of the posteriors; provides array, grid and diffuse power.
+        system: configuration of the system of the posteriors; provides array, grid, diffuse power and room.
         config: settings of the separation.
 
     Raises:

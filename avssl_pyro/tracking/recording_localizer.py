@@ -51,7 +51,7 @@ def open_recording(audio: Path, video: Path | None, array: MicrophoneArray, alig
 
 
 def recording_gains(recording: Recording, localizer: Localizer) -> ChannelGains:
-    """Gains of the channels over the whole recording, from its excerpts; see :meth:`Localizer.gains_of`.
+    """Gains of the channels over the whole recording, from its excerpts, unless the localizer has them.
 
     Args:
         recording: audio of an array.
@@ -60,6 +60,8 @@ def recording_gains(recording: Recording, localizer: Localizer) -> ChannelGains:
     Raises:
         InputError: the audio cannot be read.
     """
+    if localizer.gains is not None:
+        return localizer.gains
     excerpts = read_excerpts(recording.audio.path)
     channels = range(excerpts.num_channels) if recording.channels is None else recording.channels
     return localizer.gains_of(excerpts.select(channels).audio_bmn)

@@ -444,6 +444,7 @@ def test_a_list_may_leave_out_pictures_and_keeps_the_names_of_its_clips(
     ("words", "says"),
     [
         (["--rounds", "0"], "without an image the posterior comes from refinement alone"),
+        (["--least-level", "1.5"], "--least-level is 1.5; give a direct level from 0 to 1"),
         (["--yaw", "90"], "--yaw is for whole recordings"),
         (["--no-tracking"], "--no-tracking is for whole recordings"),
         (["--out", "clip.wav"], "clip.wav: is read or written by the same command already"),

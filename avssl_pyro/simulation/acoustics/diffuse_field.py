@@ -15,9 +15,9 @@ import numpy.typing as npt
 from scipy import fft
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.room_templates import fibonacci_sphere
 from avssl_pyro.acoustics.steering_kinds import FreeFieldKind
 from avssl_pyro.clip import SAMPLE_RATE
-from avssl_pyro.simulation.acoustics.plane_waves import sphere_lattice
 
 # Real in free field, complex otherwise.
 Inexact = npt.NDArray[np.inexact[Any]]
@@ -63,7 +63,7 @@ class DiffuseField:
                 2 * frequency_k[:, None, None] * distance_mm / self.array.speed_of_sound
             )
             return covariance_kmm
-        a_kdm = self.array.steering.model(self.array).pressure(sphere_lattice(NUM_DIRECTIONS), frequency_k)
+        a_kdm = self.array.steering.model(self.array).pressure(fibonacci_sphere(NUM_DIRECTIONS), frequency_k)
         return _sum_of_outer_products(a_kdm, a_kdm) / NUM_DIRECTIONS
 
     def draw(

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.room_templates import fibonacci_sphere
 from avssl_pyro.clip import SAMPLE_RATE
 
 # Reflections use the nearest of these tabulated directions, at most 3 degrees away; the direct sound uses its own.
@@ -24,15 +25,6 @@ FRACTIONS = 4
 MARGIN_SAMPLES = 32
 # Responses fade out above this frequency; otherwise the ends of the filters would ring.
 FADE_FROM_HZ = 7000.0
-
-
-def sphere_lattice(num_directions: int) -> npt.NDArray[np.float64]:
-    """Returns unit vectors of a Fibonacci lattice on the sphere, (D, 3)."""
-    number_d = np.arange(num_directions)
-    z_d = 1 - (2 * number_d + 1) / num_directions
-    turn_d = number_d * np.pi * (3 - 5**0.5)
-    flat_d = np.sqrt(1 - z_d**2)
-    return np.stack([flat_d * np.cos(turn_d), flat_d * np.sin(turn_d), z_d], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -71,7 +63,7 @@ class PlaneWaveReceiver:
 
     @cached_property
     def _directions(self) -> npt.NDArray[np.float64]:
-        return sphere_lattice(NUM_DIRECTIONS)
+        return fibonacci_sphere(NUM_DIRECTIONS)
 
     @cached_property
     def _tree(self) -> cKDTree:
