@@ -30,10 +30,10 @@ def azimuth_std(mu_bkd: Tensor, sigma_bkd: Tensor, spacing: float) -> Tensor:
     >>> azimuth_std(mu_bkd, torch.full((1, 1, 8), 0.01), spacing=torch.pi / 4).shape
     torch.Size([1, 1])
     """
-    index_bk1 = mu_bkd.argmax(-1, keepdim=True)
-    num_directions = mu_bkd.shape[-1]
-    around_bk3 = (index_bk1 + torch.tensor([-1, 0, 1], device=mu_bkd.device)) % num_directions
+    around_bk3 = _around(_peaks(mu_bkd), mu_bkd.shape[-1])
     before_bk, top_bk, after_bk = mu_bkd.gather(-1, around_bk3).unbind(-1)
+    # Next to the three strongest there may be a higher cell, which is not the peak.
+    before_bk, after_bk = before_bk.minimum(top_bk), after_bk.minimum(top_bk)
     curvature_bk = (2 * top_bk - before_bk - after_bk).clamp_min(LEAST_CURVATURE)
     slope_bk = after_bk - before_bk
     # Derivatives of the offset (after - before) / (2 curvature) by the three log-weights.
@@ -42,3 +42,16 @@ def azimuth_std(mu_bkd: Tensor, sigma_bkd: Tensor, spacing: float) -> Tensor:
     )
     delta_bk = spacing * torch.linalg.vector_norm(derivative_bk3 * sigma_bkd.gather(-1, around_bk3), dim=-1)
     return (MISMATCH * delta_bk).sqrt().clamp_max(LARGEST)
+
+
+def _peaks(mu_bkd: Tensor) -> Tensor:
+    """Strongest of the three neighbours with the largest sum, (B, K, 1), where DirectLevelRule has the azimuth."""
+    share_bkd = mu_bkd.softmax(-1)
+    sum_bkd = share_bkd + share_bkd.roll(1, -1) + share_bkd.roll(-1, -1)
+    around_bk3 = _around(sum_bkd.argmax(-1, keepdim=True), mu_bkd.shape[-1])
+    return around_bk3.gather(-1, share_bkd.gather(-1, around_bk3).argmax(-1, keepdim=True))
+
+
+def _around(index_bk1: Tensor, num_directions: int) -> Tensor:
+    """Directions before, at and after an index, around the circle, (B, K, 3)."""
+    return (index_bk1 + torch.tensor([-1, 0, 1], device=index_bk1.device)) % num_directions

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from avssl_pyro.acoustics.grid import DirectionGrid, wrap_angle
-from avssl_pyro.localization.posterior import peak_azimuth
+from avssl_pyro.localization.direct_level import DirectLevelRule
+from avssl_pyro.localization.posterior import ClipPosterior, peak_azimuth
 from avssl_pyro.localization.spread import LARGEST, MISMATCH, azimuth_std
 
 GRID = DirectionGrid(72)
@@ -48,3 +49,17 @@ def test_turning_the_weights_keeps_the_spread() -> None:
     spreads = [azimuth_std(mu_d.roll(turn)[None, None], sigma, GRID.spacing) for turn in (0, 41, 71)]
     torch.testing.assert_close(spreads[0], spreads[1])
     torch.testing.assert_close(spreads[0], spreads[2])
+
+
+def test_the_spread_is_that_of_the_reported_peak_not_of_a_higher_single_cell() -> None:
+    lobe_d = log_lobe(40.2, 6.0, 2.0)
+    with_cell_d = lobe_d.clone()
+    with_cell_d[10] = lobe_d.max() + 0.3
+    weights_kd = with_cell_d.softmax(-1).numpy()[None]
+    beliefs = ClipPosterior(weights_kd, np.ones(1), np.zeros(1), np.zeros(1))
+    (source,) = DirectLevelRule(least=0.0).select(beliefs, GRID)
+    assert source.azimuth_deg == pytest.approx(180 - 5 * 40.7, abs=1)
+    sigma = torch.full((1, 1, 72), 0.2, dtype=lobe_d.dtype)
+    sigma[..., 10] = 2.0
+    expected, found = (azimuth_std(mu_d[None, None], sigma, GRID.spacing) for mu_d in (lobe_d, with_cell_d))
+    torch.testing.assert_close(found, expected)
