@@ -184,7 +184,7 @@ def _check_inputs(inputs: Sequence[_ClipFiles], source: Path, model: "Model") ->
     gains = []
     for entry in inputs:
         audio_mn = read_audio(entry.audio, model.array)
-        if audio_mn.any():
+        if (audio_mn != audio_mn[:, :1]).any():
             gains.append(model.localizer.gains_of(audio_mn[None]))
         else:
             print(f"warning: {entry.audio}: is silent throughout.", file=sys.stderr)

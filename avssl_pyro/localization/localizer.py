@@ -140,7 +140,7 @@ class Localizer:
             parameters = self.guide.parameters_of(x_bfmt, batch.image_float())
             summaries = self._summaries(parameters)
         return [
-            summary if clip.audio_mn.any() else _silent(summary) for clip, summary in zip(clips, summaries, strict=True)
+            summary if _sounds(clip) else _silent(summary) for clip, summary in zip(clips, summaries, strict=True)
         ]
 
     def _summaries(self, parameters: GuideParameters) -> list[ClipPosterior]:
@@ -187,6 +187,11 @@ def _diffuse_shares(parameters: GuideParameters) -> Tensor | None:
         return None
     all_bkj = parameters.log_weights_bkj.softmax(-1)
     return all_bkj[..., parameters.mu_bkd.shape[-1] :]
+
+
+def _sounds(clip: Clip) -> bool:
+    # Direct current is no sound; its spectrum beside 0 Hz is rounding, alike in all channels as a source would be.
+    return bool(np.ptp(clip.audio_mn, axis=-1).any())
 
 
 def _silent(posterior: ClipPosterior) -> ClipPosterior:

@@ -146,6 +146,15 @@ def test_one_call_gives_posteriors_and_sources() -> None:
         assert len(localization.sources) == K
 
 
+@pytest.mark.parametrize("level", [0.0, 0.1])
+def test_a_constant_clip_is_silence(level: float) -> None:
+    """Refined without a picture, rounding alone would make sources of it."""
+    localizer = Localizer(make_system(), audio_only=True, rule=DirectLevelRule(least=0.0))
+    (found,) = localizer.localize([Clip.from_audio("constant", np.full((4, 16_000), level, np.float32))])
+    assert found.sources == ()
+    np.testing.assert_array_equal(found.posterior.direction_weights_kd, np.full((K, D), 1 / D))
+
+
 def test_audio_only_ignores_the_images() -> None:
     localizer = Localizer(make_system(), audio_only=True)
     first, second = clips(2)
