@@ -139,9 +139,7 @@ class Localizer:
                 x_bfmt = x_bfmt[..., loud_frames(x_bfmt[0], self.pause_db)]
             parameters = self.guide.parameters_of(x_bfmt, batch.image_float())
             summaries = self._summaries(parameters)
-        return [
-            summary if _sounds(clip) else _silent(summary) for clip, summary in zip(clips, summaries, strict=True)
-        ]
+        return [summary if _sounds(clip) else _silent(summary) for clip, summary in zip(clips, summaries, strict=True)]
 
     def _summaries(self, parameters: GuideParameters) -> list[ClipPosterior]:
         share_bkd = parameters.mu_bkd.softmax(-1)
