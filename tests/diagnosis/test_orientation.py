@@ -15,6 +15,7 @@ from avssl_pyro.clip import Clip
 from avssl_pyro.diagnosis.camera import judge
 from avssl_pyro.diagnosis.finding import Severity
 from avssl_pyro.diagnosis.orientation import Orientation, OrientationSearch, Turn, conclude, turn_picture
+from avssl_pyro.models.room import ROOM_DIFFUSE, Room
 
 ARRAY, CONFIG, NUM_CLIPS, NUM_SAMPLES = PRESETS["circle4"], StftConfig(), 6, 6400
 
@@ -60,16 +61,22 @@ def seen_by(clip: Clip, yaw_deg: float, mirror: bool) -> Clip:
     return Clip(clip.key, clip.audio_mn, np.ascontiguousarray(turned_ijc[:, ::-1] if mirror else turned_ijc))
 
 
-def searcher() -> OrientationSearch:
+def searcher(room: bool = False) -> OrientationSearch:
+    if room:
+        template_jfmm = Room.of_array(ARRAY, DirectionGrid(), CONFIG.frequencies).template_jfmm.to(torch.complex64)
+        return OrientationSearch(MarksColors(), template_jfmm, CONFIG, diffuse=ROOM_DIFFUSE, prior_sigma=1.0)
     steering_fdm = FreeField(ARRAY)(DirectionGrid(), CONFIG.frequencies).to(torch.complex64)
     return OrientationSearch(MarksColors(), template_covariances(steering_fdm), CONFIG, diffuse=0.1, prior_sigma=1.0)
 
 
-@pytest.mark.parametrize(("yaw_deg", "mirror"), [(0.0, False), (37.5, False), (-112.5, True)])
-def test_yaw_and_mirror_are_found(yaw_deg: float, mirror: bool) -> None:
+@pytest.mark.parametrize(
+    ("yaw_deg", "mirror", "room"),
+    [(0.0, False, False), (37.5, False, False), (-112.5, True, False), (-112.5, True, True)],
+)
+def test_yaw_and_mirror_are_found(yaw_deg: float, mirror: bool, room: bool) -> None:
     rng = np.random.default_rng(5)
     clips = [seen_by(scene(rng, number), yaw_deg, mirror) for number in range(NUM_CLIPS)]
-    found = searcher().search(clips)
+    found = searcher(room).search(clips)
     assert abs((found.yaw_deg - yaw_deg + 180) % 360 - 180) < 4
     assert found.mirror == mirror
     assert min(found.yaw_confidence, found.mirror_confidence) > 0.9
