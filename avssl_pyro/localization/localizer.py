@@ -200,4 +200,5 @@ def _silent(posterior: ClipPosterior) -> ClipPosterior:
         direction_weights_kd=np.full((k, d), 1 / d),
         mixing_levels_k=np.full(k, 1 / k),
         azimuth_std_k=np.full(k, np.pi / np.sqrt(3)),
+        diffuse_shares_kc=None,
     )

@@ -119,7 +119,7 @@ class DistillationLoss(nn.Module):
         return of_directions, of_levels
 
     def _diffuse_mu(self, trace: Any, mu_bkd: Tensor) -> tuple[Tensor, ...]:
-        """Means of log e at the means of log w, (B, K, C), where the model has a room."""
+        """Means of log e at those of log w, by the ratios of the first draw, (B, K, C), where there is a room."""
         (model,) = self._model
         if model.room is None:
             return ()
