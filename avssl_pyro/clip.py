@@ -46,3 +46,9 @@ class SceneLabels:
 
     talker_azimuths: tuple[float, ...]
     silent_azimuths: tuple[float, ...] = ()
+
+
+def is_silent(audio_mn: npt.NDArray[np.float32]) -> bool:
+    """Whether every channel of audio (M, N) is constant."""
+    # Direct current is no sound; its spectrum beside 0 Hz is rounding, alike in all channels as a source would be.
+    return not np.ptp(audio_mn, axis=-1).any()

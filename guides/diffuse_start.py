@@ -14,8 +14,10 @@ from avssl_pyro.guides.base import GuideParameters
 from avssl_pyro.guides.gaussian_families import ClipModel
 from avssl_pyro.guides.refinement_config import RefinementConfig
 
+DIFFUSE_START = RefinementConfig().diffuse_start
 
-def with_diffuse_start(log_w_bkd: Tensor, components: int, share: float) -> Tensor:
+
+def with_diffuse_start(log_w_bkd: Tensor, components: int, share: float = DIFFUSE_START) -> Tensor:
     """Log-weights with as many equal diffuse ones after them, together the given share of the sum, (B, K, D + C)."""
     if components == 0:
         return log_w_bkd
@@ -43,7 +45,7 @@ def start_for(model: ClipModel, parameters: GuideParameters, x_bfmt: Tensor, ima
     mu_bkc = parameters.diffuse_mu_bkc
     if mu_bkc is None:
         num_directions = parameters.mu_bkd.shape[-1]
-        mu_bkj = with_diffuse_start(parameters.mu_bkd, components, RefinementConfig().diffuse_start)
+        mu_bkj = with_diffuse_start(parameters.mu_bkd, components)
         mu_bkc = mu_bkj[..., num_directions:]
         sigma_bkc = parameters.sigma_bkd.mean(-1, keepdim=True).expand_as(mu_bkc)
         return parameters._replace(diffuse_mu_bkc=mu_bkc, diffuse_sigma_bkc=sigma_bkc)

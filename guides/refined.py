@@ -72,7 +72,7 @@ class RefinedGuide(ClipFittedGuide):
             frame_step=config.frame_step,
             prior_mean=config.image_weight * mu_bkd,
         )
-        components = 0 if self.model.room is None else self.model.room.num_components
+        components = self.model.num_diffuse
         start_bkj = with_diffuse_start(config.softening * mu_bkd, components, config.diffuse_start)
         state = map_em.fit(start_bkj, config.rounds, tolerance=config.tolerance)
         sigma_bkj, concentration_bk = map_em.uncertainty(state)

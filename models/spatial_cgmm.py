@@ -104,6 +104,11 @@ class SpatialCGMM(PyroModule):
         """Templates G_fd = a_fd a_fd^H, complex (D, F, M, M); with a room its own, (D + C, F, M, M)."""
         return torch.view_as_complex(self.template_pairs)
 
+    @property
+    def num_diffuse(self) -> int:
+        """Number of the room's diffuse components C, 0 without a room."""
+        return 0 if self.room is None else self.room.num_components
+
     def forward(self, x_bfmt: Tensor, image_bcij: Tensor) -> None:  # noqa: ARG002
         like = self.template_pairs
         # Sums of a million log-likelihoods need full precision, also where the networks run in half.

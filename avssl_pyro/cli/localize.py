@@ -178,16 +178,17 @@ def _check_inputs(inputs: Sequence[_ClipFiles], source: Path, model: "Model") ->
     Gains of the channels are compared over all clips, and ``source`` is named with those that differ.
     """
     from avssl_pyro.acoustics.channel_gains import ChannelGains
+    from avssl_pyro.clip import is_silent
     from avssl_pyro.io.audio import read_audio
     from avssl_pyro.io.images import read_image
 
     gains = []
     for entry in inputs:
         audio_mn = read_audio(entry.audio, model.array)
-        if (audio_mn != audio_mn[:, :1]).any():
-            gains.append(model.localizer.gains_of(audio_mn[None]))
-        else:
+        if is_silent(audio_mn):
             print(f"warning: {entry.audio}: is silent throughout.", file=sys.stderr)
+        else:
+            gains.append(model.localizer.gains_of(audio_mn[None]))
         if entry.image is not None:
             read_image(entry.image)
         else:

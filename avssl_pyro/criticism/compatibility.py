@@ -64,7 +64,7 @@ class Combination:
             raise InputError(
                 f"the guide has {classes} source classes and the model {self.model.num_sources}; give both the same."
             )
-        components = 0 if self.model.room is None else self.model.room.num_components
+        components = self.model.num_diffuse
         found = getattr(self.guide, "num_diffuse", components)
         if found != components:
             raise InputError(

@@ -33,7 +33,6 @@ from avssl_pyro.batch import collate_clips
 from avssl_pyro.clip import Clip
 from avssl_pyro.distributions.profiled_gaussian import ObservedSpectrogram, component_log_likelihood, observe
 from avssl_pyro.guides.diffuse_start import with_diffuse_start
-from avssl_pyro.guides.refinement_config import RefinementConfig
 
 COARSE_DEG, FINE_DEG = 15.0, 5.0
 # Turns this close to the best are not its rivals, because a talker is about as wide.
@@ -42,7 +41,6 @@ NEAR_DEG = 12.5
 MODEL_ERROR = 0.08
 EM_ROUNDS = 5
 BIN_STEP, FRAME_STEP = 4, 4
-DIFFUSE_START = RefinementConfig().diffuse_start
 RESAMPLES = 1000
 PICTURES_AT_ONCE = 16
 
@@ -140,7 +138,7 @@ class OrientationSearch:
         divergence_h = kl_divergence(Normal(centred_hkd, self._guide.sigma(mu_hkd)), prior).sum((-2, -1))
         # Without the audio network the diffuse share of a room is not known; that of a refinement's start serves.
         components = len(self._template_dfmm) - mu_hkd.shape[-1]
-        log_w_hkj = with_diffuse_start(mu_hkd, components, DIFFUSE_START)
+        log_w_hkj = with_diffuse_start(mu_hkd, components)
         scm_hkfmm = spatial_covariance(log_w_hkj.softmax(-1), self._template_dfmm, self._diffuse)
         density_hfkt = component_log_likelihood(observed, scm_hkfmm[:, None])[:, 0]
         log_pi_hk = torch.full(mu_hkd.shape[:-1], -float(np.log(mu_hkd.shape[1])))

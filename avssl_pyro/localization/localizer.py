@@ -13,7 +13,7 @@ from torch import Tensor
 from avssl_pyro.acoustics.channel_gains import ChannelGains, GainEstimator
 from avssl_pyro.acoustics.stft import loud_frames, stft
 from avssl_pyro.batch import collate_clips
-from avssl_pyro.clip import Clip
+from avssl_pyro.clip import Clip, is_silent
 from avssl_pyro.errors import InputError
 from avssl_pyro.guides.base import GuideParameters, PosteriorGuide
 from avssl_pyro.guides.initializers import UninformedInitializer
@@ -139,7 +139,10 @@ class Localizer:
                 x_bfmt = x_bfmt[..., loud_frames(x_bfmt[0], self.pause_db)]
             parameters = self.guide.parameters_of(x_bfmt, batch.image_float())
             summaries = self._summaries(parameters)
-        return [summary if _sounds(clip) else _silent(summary) for clip, summary in zip(clips, summaries, strict=True)]
+        return [
+            _silent(summary) if is_silent(clip.audio_mn) else summary
+            for clip, summary in zip(clips, summaries, strict=True)
+        ]
 
     def _summaries(self, parameters: GuideParameters) -> list[ClipPosterior]:
         share_bkd = parameters.mu_bkd.softmax(-1)
@@ -185,11 +188,6 @@ def _diffuse_shares(parameters: GuideParameters) -> Tensor | None:
         return None
     all_bkj = parameters.log_weights_bkj.softmax(-1)
     return all_bkj[..., parameters.mu_bkd.shape[-1] :]
-
-
-def _sounds(clip: Clip) -> bool:
-    # Direct current is no sound; its spectrum beside 0 Hz is rounding, alike in all channels as a source would be.
-    return bool(np.ptp(clip.audio_mn, axis=-1).any())
 
 
 def _silent(posterior: ClipPosterior) -> ClipPosterior:

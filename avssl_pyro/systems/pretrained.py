@@ -5,6 +5,7 @@ from importlib.resources import as_file, files
 
 from avssl_pyro.acoustics.array import MicrophoneArray
 from avssl_pyro.acoustics.compatibility import is_same_array
+from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.systems.checkpoint import load_checkpoint
 from avssl_pyro.systems.config import MOST_GENERAL, PRETRAINED
 from avssl_pyro.systems.system import System, build_system
@@ -40,9 +41,8 @@ class Pretrained:
 def load_pretrained(array: MicrophoneArray) -> Pretrained:
     """The shipped system of an array, or the most general one fitted to its geometry."""
     for name in PRETRAINED:
-        system = load_weights_of(name)
-        if is_same_array(system.config.array, array):
-            return Pretrained(system, name, native=True)
+        if is_same_array(PRESETS[name], array):
+            return Pretrained(load_weights_of(name), name, native=True)
     general = load_weights_of(MOST_GENERAL)
     system = build_system(replace(general.config, array=array))
     system.load_state_dict(general.state_dict())

@@ -22,14 +22,12 @@ from avssl_pyro.distributions.map_em import MapEMState
 from avssl_pyro.guides.amortized import AmortizedGuide, diffuse_mu
 from avssl_pyro.guides.conjugacy import check_map_em, map_em_of
 from avssl_pyro.guides.diffuse_start import with_diffuse_start
-from avssl_pyro.guides.refinement_config import RefinementConfig
 from avssl_pyro.models.spatial_cgmm import SpatialCGMM
 from avssl_pyro.training.config import DistillationConfig
 from avssl_pyro.training.elbo_terms import ElboTermsMixin
 
 # Close to the common factor of 2, and safe for a fixed number of rounds.
 OVERRELAXATION = 1.8
-DIFFUSE_START = RefinementConfig().diffuse_start
 
 
 class DistillationLoss(nn.Module):
@@ -134,8 +132,7 @@ class DistillationLoss(nn.Module):
     def _refine(self, x_bfmt: Tensor, mu_bkd: Tensor) -> MapEMState:
         (model,) = self._model
         map_em = map_em_of(model, x_bfmt, mu_bkd, frame_step=self._config.frame_step)
-        components = 0 if model.room is None else model.room.num_components
-        start_bkj = with_diffuse_start(self._config.softening * mu_bkd, components, DIFFUSE_START)
+        start_bkj = with_diffuse_start(self._config.softening * mu_bkd, model.num_diffuse)
         return map_em.fit(start_bkj, self._config.rounds, overrelaxation=OVERRELAXATION)
 
     def _kernel(self, like_bkd: Tensor) -> Tensor:

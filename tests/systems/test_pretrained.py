@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from avssl_pyro.acoustics.array import MicrophoneArray
+from avssl_pyro.acoustics.compatibility import is_same_array
 from avssl_pyro.acoustics.presets import PRESETS
 from avssl_pyro.acoustics.steering_kinds import RigidSphereKind
 from avssl_pyro.distributions.spatial_mixture import LEAST_DIFFUSE
@@ -28,6 +29,7 @@ def test_shipped_weights_belong_to_their_array(name: str) -> None:
     assert pretrained.trained_with == name
     assert name in pretrained.sentence
     assert pretrained.system.config.array.num_microphones == PRESETS[name].num_microphones
+    assert is_same_array(pretrained.system.config.array, PRESETS[name])
 
 
 def test_an_array_is_known_by_its_places_not_its_name() -> None:

@@ -16,8 +16,10 @@ from avssl_pyro.simulation.acoustics.reverberation import (
     LEAD_SAMPLES,
     RoomAcoustics,
     eyring_absorption,
+    padded_responses,
     reverberant_lead,
     room_responses,
+    sum_of_responses,
 )
 from avssl_pyro.validators import within
 
@@ -131,11 +133,7 @@ class ImageMethodWithTail:
         direct_only: bool = False,
     ) -> npt.NDArray[np.float32]:
         per_source = [self._response(array, source_x, room, rng, direct_only) for source_x in sources_sx]
-        longest = max((response_ml.shape[1] for response_ml in per_source), default=0)
-        responses_sml = np.zeros((len(sources_sx), array.num_microphones, longest), dtype=np.float32)
-        for s, response_ml in enumerate(per_source):
-            responses_sml[s, :, : response_ml.shape[1]] = response_ml
-        return responses_sml
+        return padded_responses(per_source, array.num_microphones)
 
     def _response(
         self,
@@ -156,10 +154,7 @@ class ImageMethodWithTail:
         if direct_only:
             return early_ml
         tail_ml = self._tail(array, distance_k[1:], amplitude_k[1:], room, late, rng)
-        response_ml = np.zeros((len(early_ml), max(early_ml.shape[1], tail_ml.shape[1])), dtype=np.float32)
-        response_ml[:, : early_ml.shape[1]] = early_ml
-        response_ml[:, : tail_ml.shape[1]] += tail_ml
-        return response_ml
+        return sum_of_responses(early_ml, tail_ml)
 
     def _reach_m(self, room: RoomAcoustics) -> float:
         """Returns the radius of a sphere with ``num_reflections`` image sources, one in each volume of a room."""

@@ -18,9 +18,11 @@ from avssl_pyro.simulation.acoustics.arrivals import sum_of_arrivals
 from avssl_pyro.simulation.acoustics.reverberation import (
     RoomAcoustics,
     eyring_absorption,
+    padded_responses,
     plane_wave_receiver,
     rendering_constants,
     reverberant_lead,
+    sum_of_responses,
 )
 from avssl_pyro.validators import within
 
@@ -85,12 +87,8 @@ class RayTracing:
             per_source.append(early_ml)
             if not direct_only:
                 tail_ml = _tail(array, _energies(box, s), room, late, rng)
-                per_source[s] = _sum_of_lengths(early_ml, tail_ml)
-        longest = max((response_ml.shape[1] for response_ml in per_source), default=0)
-        responses_sml = np.zeros((len(sources_sx), array.num_microphones, longest), dtype=np.float32)
-        for s, response_ml in enumerate(per_source):
-            responses_sml[s, :, : response_ml.shape[1]] = response_ml
-        return responses_sml
+                per_source[s] = sum_of_responses(early_ml, tail_ml)
+        return padded_responses(per_source, array.num_microphones)
 
     def _box(self, array: MicrophoneArray, room: RoomAcoustics) -> pra.ShoeBox:
         box = pra.ShoeBox(
@@ -152,7 +150,7 @@ def _early(
     summed_ml = direct_ml
     for k in np.flatnonzero(order_k > 0):
         arrival_ml, _ = sum_of_arrivals(array, offset_kx[k : k + 1], np.ones(1))
-        summed_ml = _sum_of_lengths(summed_ml, signal.fftconvolve(arrival_ml, color_kl[k : k + 1], axes=-1))
+        summed_ml = sum_of_responses(summed_ml, signal.fftconvolve(arrival_ml, color_kl[k : k + 1], axes=-1))
     return summed_ml, late
 
 
@@ -203,11 +201,3 @@ def _band_weights(frequency_f: npt.NDArray[np.floating]) -> npt.NDArray[np.float
     octave_f = np.log2(np.clip(frequency_f, BANDS_HZ[0], BANDS_HZ[-1]) / BANDS_HZ[0])
     distance_bf = np.abs(octave_f - np.arange(len(BANDS_HZ))[:, None])
     return np.clip(1 - distance_bf, 0.0, 1.0).astype(np.float32)
-
-
-def _sum_of_lengths(first_ml: npt.NDArray[np.float32], second_ml: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    longest = max(first_ml.shape[1], second_ml.shape[1])
-    summed_ml = np.zeros((len(first_ml), longest), dtype=np.float32)
-    summed_ml[:, : first_ml.shape[1]] = first_ml
-    summed_ml[:, : second_ml.shape[1]] += second_ml
-    return summed_ml

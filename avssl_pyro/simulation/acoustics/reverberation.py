@@ -1,6 +1,6 @@
 """Impulse responses of a shoe-box room by the image method (Allen and Berkley 1979), with pyroomacoustics."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -146,11 +146,23 @@ def room_responses(
     for position in sources_sx @ to_room.T + centre:
         room.add_source(position)
     per_source = _at_points(room) if is_open else _at_receiver(room, plane_wave_receiver(array), centre, to_room)
+    return padded_responses(per_source, array.num_microphones)
+
+
+def padded_responses(per_source: Sequence[npt.NDArray[np.float32]], num_microphones: int) -> npt.NDArray[np.float32]:
+    """Responses of S sources, (M, L) each, as (S, M, L), float32, zero-padded to the longest."""
     longest = max((response_ml.shape[1] for response_ml in per_source), default=0)
-    responses_sml = np.zeros((len(sources_sx), array.num_microphones, longest), dtype=np.float32)
+    responses_sml = np.zeros((len(per_source), num_microphones, longest), dtype=np.float32)
     for s, response_ml in enumerate(per_source):
         responses_sml[s, :, : response_ml.shape[1]] = response_ml
     return responses_sml
+
+
+def sum_of_responses(first_ml: npt.NDArray[np.float32], second_ml: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """The sum of two responses (M, L), float32, as long as the longer."""
+    both_sml = padded_responses((first_ml, second_ml), len(first_ml))
+    summed_ml: npt.NDArray[np.float32] = both_sml[0] + both_sml[1]
+    return summed_ml
 
 
 def _at_points(room: pra.ShoeBox) -> list[npt.NDArray[np.float32]]:
